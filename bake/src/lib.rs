@@ -1,0 +1,1 @@
+//! Offline tool of Relume: scene -> response -> tiles -> field file.

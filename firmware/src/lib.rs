@@ -1,0 +1,3 @@
+//! Relume's per-pixel core.
+#![no_std]
+pub mod patches;

@@ -1,0 +1,275 @@
+//! The patch set: the direction cells of the sky basis.
+//!
+//! The upper hemisphere is cut into `n_upper` cells of equal solid angle by Leopardi's recursive zonal partition
+//! (P. Leopardi, *A partition of the unit sphere into regions of equal area and small diameter*, ETNA 25, 2006,
+//! section 3), restricted to a hemisphere: one cap at the zenith, then rings of cells whose counts are rounded so that
+//! the error carries from ring to ring and every cell keeps exactly the same solid angle. The lower hemisphere is the
+//! mirror image of the same construction with `n_lower` cells.
+//!
+//! Order: upper patches from the zenith down, each ring by rising `atan2(z, x)`; then the lower patches from the nadir up.
+
+use core::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// Most patches of the upper hemisphere that a set may have.
+pub const MAX_UPPER: usize = 1024;
+/// Most patches of both hemispheres together.
+pub const MAX_PATCHES: usize = MAX_UPPER + MAX_UPPER / 16;
+/// Fewest patches of the upper hemisphere.
+pub const MIN_UPPER: usize = 16;
+
+const MAX_RINGS: usize = 40;
+
+/// Why a patch set could not be made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PatchError {
+    /// The number of upper patches asked for lies outside [`MIN_UPPER`]`..=`[`MAX_UPPER`].
+    UpperCount(usize),
+}
+
+impl core::fmt::Display for PatchError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            PatchError::UpperCount(n) => {
+                write!(f, "{n} directions asked for; choose a number from {MIN_UPPER} to {MAX_UPPER}")
+            }
+        }
+    }
+}
+
+impl core::error::Error for PatchError {}
+
+/// One hemisphere cut into rings of equal cells. Heights are `|y|`, from 1 (pole) down to 0 (horizon).
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Hemisphere {
+    cells: usize,
+    rings: usize,
+    /// Cells before ring `r`; `first[rings]` is `cells`.
+    first: [u16; MAX_RINGS + 1],
+}
+
+/// A cell as its bounds: height `|y|` in `y_low..y_high`, azimuth in `azimuth..azimuth + span` (radians).
+#[derive(Clone, Copy, Debug)]
+struct Cell {
+    y_low: f64,
+    y_high: f64,
+    azimuth: f64,
+    span: f64,
+}
+
+impl Hemisphere {
+    fn new(cells: usize) -> Self {
+        let mut first = [0u16; MAX_RINGS + 1];
+        let cell_area = TAU / cells as f64;
+        let cap = libm::acos(1.0 - 1.0 / cells as f64);
+        first[1] = 1;
+        let mut rings = 1;
+        if cells > 1 {
+            let collars = libm::round((FRAC_PI_2 - cap) / libm::sqrt(cell_area)).max(1.0) as usize;
+            let collars = collars.min(MAX_RINGS - 1).min(cells - 1);
+            let step = (FRAC_PI_2 - cap) / collars as f64;
+            // Leopardi, section 3.3: round each collar's ideal count and carry the remainder on.
+            let mut carry = 0.0;
+            let mut used = 1usize;
+            for collar in 0..collars {
+                let top = cap + step * collar as f64;
+                let ideal = cells as f64 * (libm::cos(top) - libm::cos(top + step)) + carry;
+                let left = cells - used;
+                let after = collars - collar - 1;
+                let count = if after == 0 { left } else { (libm::round(ideal).max(1.0) as usize).min(left - after) };
+                carry = ideal - count as f64;
+                used += count;
+                rings += 1;
+                first[rings] = used as u16;
+            }
+        }
+        Hemisphere { cells, rings, first }
+    }
+
+    fn ring_of(&self, cell: usize) -> usize {
+        let mut ring = 0;
+        while ring + 1 < self.rings && usize::from(self.first[ring + 1]) <= cell {
+            ring += 1;
+        }
+        ring
+    }
+
+    fn cell(&self, cell: usize) -> Cell {
+        let ring = self.ring_of(cell);
+        let (from, to) = (usize::from(self.first[ring]), usize::from(self.first[ring + 1]));
+        let span = TAU / (to - from) as f64;
+        Cell {
+            y_low: 1.0 - to as f64 / self.cells as f64,
+            y_high: 1.0 - from as f64 / self.cells as f64,
+            azimuth: span * (cell - from) as f64,
+            span,
+        }
+    }
+
+    fn cell_at(&self, height: f64, azimuth: f64) -> usize {
+        let rank = ((1.0 - height) * self.cells as f64).clamp(0.0, self.cells as f64 - 0.5) as usize;
+        let ring = self.ring_of(rank);
+        let (from, to) = (usize::from(self.first[ring]), usize::from(self.first[ring + 1]));
+        let turn = if azimuth < 0.0 { azimuth / TAU + 1.0 } else { azimuth / TAU };
+        from + ((turn * (to - from) as f64) as usize).min(to - from - 1)
+    }
+}
+
+/// The direction cells of a sky basis; see the module's text.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PatchSet {
+    upper: Hemisphere,
+    lower: Hemisphere,
+}
+
+impl PatchSet {
+    /// A set of `n_upper` ([`MIN_UPPER`]`..=`[`MAX_UPPER`]) upper patches and one lower patch for every 16 of them.
+    ///
+    /// # Errors
+    /// [`PatchError::UpperCount`] outside that range.
+    pub fn new(n_upper: usize) -> Result<Self, PatchError> {
+        if !(MIN_UPPER..=MAX_UPPER).contains(&n_upper) {
+            return Err(PatchError::UpperCount(n_upper));
+        }
+        Ok(PatchSet { upper: Hemisphere::new(n_upper), lower: Hemisphere::new(n_upper / 16) })
+    }
+
+    /// Number of patches, both hemispheres.
+    #[allow(clippy::len_without_is_empty)]
+    pub fn len(&self) -> usize {
+        self.upper.cells + self.lower.cells
+    }
+
+    /// Number of patches above the horizon; they come first.
+    pub fn upper(&self) -> usize {
+        self.upper.cells
+    }
+
+    /// Number of patches below the horizon.
+    pub fn lower(&self) -> usize {
+        self.lower.cells
+    }
+
+    /// Identifies construction and counts: FNV-1a over `"leopardi-1"` and the two counts as u16, little-endian.
+    pub fn id(&self) -> u32 {
+        let counts = [(self.upper.cells as u16).to_le_bytes(), (self.lower.cells as u16).to_le_bytes()];
+        let bytes = b"leopardi-1".iter().chain(counts.iter().flatten());
+        bytes.fold(0x811c_9dc5, |hash, &byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
+    }
+
+    fn cell(&self, patch: usize) -> (Cell, f64) {
+        if patch < self.upper.cells {
+            (self.upper.cell(patch), 1.0)
+        } else {
+            (self.lower.cell((patch - self.upper.cells).min(self.lower.cells - 1)), -1.0)
+        }
+    }
+
+    /// Solid angle of a patch, sr.
+    pub fn solid_angle_sr(&self, patch: usize) -> f32 {
+        let cells = if patch < self.upper.cells { self.upper.cells } else { self.lower.cells };
+        (TAU / cells as f64) as f32
+    }
+
+    /// Unit direction towards the patch's centroid (normalised mean of its directions).
+    pub fn dir_world(&self, patch: usize) -> [f32; 3] {
+        let (cell, sign) = self.cell(patch);
+        // Means over the cell, uniform in y and azimuth: integral of sqrt(1 - y^2), and sin(s/2)/(s/2).
+        let primitive = |y: f64| 0.5 * (y * libm::sqrt((1.0 - y * y).max(0.0)) + libm::asin(y));
+        let radius = (primitive(cell.y_high) - primitive(cell.y_low)) / (cell.y_high - cell.y_low);
+        let half = 0.5 * cell.span;
+        let radius = radius * libm::sin(half) / half;
+        let radius = if half > PI - 1e-9 { 0.0 } else { radius };
+        let y = sign * 0.5 * (cell.y_low + cell.y_high);
+        let length = libm::sqrt(radius * radius + y * y);
+        let azimuth = cell.azimuth + half;
+        let (x, z) = (radius * libm::cos(azimuth), radius * libm::sin(azimuth));
+        [(x / length) as f32, (y / length) as f32, (z / length) as f32]
+    }
+
+    /// A direction inside the patch for `u` in the unit square, uniform in solid angle.
+    pub fn sample(&self, patch: usize, u: [f32; 2]) -> [f32; 3] {
+        let (cell, sign) = self.cell(patch);
+        let height = cell.y_low + (cell.y_high - cell.y_low) * f64::from(u[0]);
+        let azimuth = cell.azimuth + cell.span * f64::from(u[1]);
+        let radius = libm::sqrt((1.0 - height * height).max(0.0));
+        let (x, z) = (radius * libm::cos(azimuth), radius * libm::sin(azimuth));
+        [x as f32, (sign * height) as f32, z as f32]
+    }
+
+    /// The patch that a unit direction falls in; the horizon itself belongs to the upper hemisphere.
+    pub fn patch_of(&self, dir_world: [f32; 3]) -> usize {
+        let [x, y, z] = dir_world.map(f64::from);
+        let azimuth = libm::atan2(z, x);
+        if y >= 0.0 { self.upper.cell_at(y, azimuth) } else { self.upper.cells + self.lower.cell_at(-y, azimuth) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use std::vec;
+
+    #[test]
+    fn samples_fall_back_into_their_patch() {
+        for n in [16, 64, 145, 256, 1000, 1024] {
+            let set = PatchSet::new(n).unwrap();
+            for patch in 0..set.len() {
+                for (u, v) in [(0.01, 0.01), (0.5, 0.5), (0.99, 0.99), (0.2, 0.8)] {
+                    assert_eq!(set.patch_of(set.sample(patch, [u, v])), patch, "{n} {patch}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn equal_area_by_counting_uniform_directions() {
+        let set = PatchSet::new(256).unwrap();
+        let mut hits = vec![0u32; set.len()];
+        let n = 1_000_000u32;
+        // Spiral points: independent of the partition, uniform on the sphere.
+        for k in 0..n {
+            let y = 1.0 - (2.0 * f64::from(k) + 1.0) / f64::from(n);
+            let azimuth = f64::from(k) * 2.399_963_229_728_653;
+            let r = libm::sqrt(1.0 - y * y);
+            let (sin, cos) = libm::sincos(azimuth);
+            hits[set.patch_of([(r * cos) as f32, y as f32, (r * sin) as f32])] += 1;
+        }
+        for (patch, &count) in hits.iter().enumerate() {
+            let expected = f64::from(set.solid_angle_sr(patch)) / (2.0 * TAU) * f64::from(n);
+            assert!((f64::from(count) / expected - 1.0).abs() < 0.05, "{patch}: {count} of {expected}");
+        }
+        let total: f32 = (0..set.len()).map(|p| set.solid_angle_sr(p)).sum();
+        assert!((f64::from(total) - 2.0 * TAU).abs() < 1e-4);
+    }
+
+    #[test]
+    fn centroids_are_unit_and_inside() {
+        let set = PatchSet::new(256).unwrap();
+        for patch in 0..set.len() {
+            let d = set.dir_world(patch);
+            assert!((d.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-5);
+            assert_eq!(set.patch_of(d), patch);
+        }
+    }
+
+    #[test]
+    fn cells_are_compact() {
+        let set = PatchSet::new(256).unwrap();
+        for patch in 0..set.upper() {
+            let c = set.dir_world(patch);
+            let far = [[0.0, 0.0], [0.0, 0.999], [0.999, 0.0], [0.999, 0.999]].map(|u| {
+                let s = set.sample(patch, u);
+                (c[0] * s[0] + c[1] * s[1] + c[2] * s[2]).min(1.0).acos().to_degrees()
+            });
+            assert!(far.iter().all(|&a| a < 9.0), "{patch} {far:?}");
+        }
+    }
+
+    #[test]
+    fn ids_differ_and_counts_are_checked() {
+        assert_ne!(PatchSet::new(256).unwrap().id(), PatchSet::new(255).unwrap().id());
+        assert_eq!(PatchSet::new(15), Err(PatchError::UpperCount(15)));
+        assert_eq!(PatchSet::new(1025), Err(PatchError::UpperCount(1025)));
+    }
+}

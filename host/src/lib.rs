@@ -1,0 +1,1 @@
+//! Relume at the post: sky camera -> radiance map -> weights -> pixels -> display.
