@@ -1,0 +1,65 @@
+//! Where the picture goes: a screen, or files in a folder.
+
+pub mod headless;
+
+use std::path::PathBuf;
+
+/// One picture for a display: pixels `0x00RRGGBB` (sRGB), row 0 at the top.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `width * height` pixels.
+    pub pixels_bgrx: &'a [u32],
+    /// Frame number, counted from 0 since the post started.
+    pub number: u64,
+    /// True when anything differs from the frame before; a display may skip a frame that brings nothing new.
+    pub changed: bool,
+}
+
+/// Why a picture did not reach the display.
+#[derive(Debug, thiserror::Error)]
+pub enum DisplayError {
+    /// The frame has another size than the display.
+    #[error("display: a frame of {}x{} pixels for a display of {}x{}", frame.0, frame.1, display.0, display.1)]
+    Size {
+        /// Width and height of the frame.
+        frame: (usize, usize),
+        /// Width and height of the display.
+        display: (usize, usize),
+    },
+    /// The folder for the pictures cannot be used.
+    #[error("{}: cannot hold the display's pictures: {reason}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What is wrong and what to do.
+        reason: String,
+    },
+    /// A picture could not be written.
+    #[error(transparent)]
+    Picture(#[from] crate::picture::PictureError),
+}
+
+impl From<DisplayError> for crate::failure::Failure {
+    fn from(error: DisplayError) -> Self {
+        match error {
+            DisplayError::Picture(picture) => picture.into(),
+            DisplayError::Size { .. } | DisplayError::Folder { .. } => Self::BadInput(error.into()),
+        }
+    }
+}
+
+/// A place that shows pictures.
+pub trait Display {
+    /// Width and height in pixels.
+    fn size(&self) -> (usize, usize);
+
+    /// Shows one picture.
+    ///
+    /// # Errors
+    /// [`DisplayError`]; the post may go on and try again with the next frame.
+    fn present(&mut self, frame: &Frame<'_>) -> Result<(), DisplayError>;
+}

@@ -1,0 +1,134 @@
+//! Exposure: the factor from linear radiance to what a display takes as white.
+
+/// Share of white that the 99th percentile is brought to.
+const TARGET: f64 = 0.8;
+/// Steps of the running exposure, stops.
+const STEP_EV: f64 = 1.0 / 3.0;
+/// How far the wanted exposure must leave the shown one before it is changed, stops.
+const HOLD_EV: f64 = 0.5;
+/// The range of exposures that keeps every factor a normal f32, stops.
+pub const EV_RANGE: std::ops::RangeInclusive<f64> = -30.0..=30.0;
+
+/// How a picture's exposure is chosen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ExposureMode {
+    /// From the picture's own brightness.
+    Auto,
+    /// Always `2^EV`.
+    Fixed(f64),
+}
+
+/// The automatic exposure of one picture: 0.8 / the 99th percentile of all channel values of covered pixels.
+///
+/// `rgb` is premultiplied linear radiance; a pixel is covered where `alpha > 0`. `None` when that percentile is not a
+/// positive number, that is when the picture is dark or empty.
+pub fn automatic(rgb: &[[f32; 3]], alpha: &[f32]) -> Option<f64> {
+    let covered = rgb.iter().zip(alpha).filter(|(_, a)| **a > 0.0);
+    let mut values: Vec<f32> = covered.flat_map(|(pixel, _)| *pixel).filter(|v| v.is_finite()).collect();
+    let bright = percentile(&mut values, 0.99)?;
+    (bright > 0.0).then(|| (TARGET / bright).clamp(2f64.powf(*EV_RANGE.start()), 2f64.powf(*EV_RANGE.end())))
+}
+
+/// The value at rank `share * (n - 1)` of the sorted values, linear between neighbours; `None` of nothing.
+fn percentile(values: &mut [f32], share: f64) -> Option<f64> {
+    let last = values.len().checked_sub(1)?;
+    let rank = share * last as f64;
+    let (_, low, above) = values.select_nth_unstable_by(rank as usize, f32::total_cmp);
+    let low = f64::from(*low);
+    let high = above.iter().copied().min_by(f32::total_cmp).map_or(low, f64::from);
+    Some(low + (high - low) * rank.fract())
+}
+
+/// Running automatic exposure: follows dawn and dusk in thirds of a stop and stays still for less than half a stop, so
+/// that the picture neither drifts nor flickers with every cloud.
+#[derive(Clone, Copy, Debug)]
+pub struct ExposureControl {
+    mode: ExposureMode,
+    shown_ev: Option<f64>,
+}
+
+impl ExposureControl {
+    /// A control that has shown nothing yet.
+    pub fn new(mode: ExposureMode) -> Self {
+        ExposureControl { mode, shown_ev: None }
+    }
+
+    /// True when the exposure depends on what is seen.
+    pub fn is_auto(&self) -> bool {
+        self.mode == ExposureMode::Auto
+    }
+
+    /// The exposure in use, as EV; 0 until a picture was seen.
+    pub fn ev(&self) -> f64 {
+        match self.mode {
+            ExposureMode::Fixed(ev) => ev,
+            ExposureMode::Auto => self.shown_ev.unwrap_or(0.0),
+        }
+    }
+
+    /// The exposure in use, as a factor.
+    pub fn factor(&self) -> f32 {
+        2f64.powf(self.ev()) as f32
+    }
+
+    /// Takes the exposure that the newest picture asks for ([`automatic`]; `None` changes nothing).
+    /// Returns true when the exposure in use changed.
+    pub fn see(&mut self, wanted: Option<f64>) -> bool {
+        let (ExposureMode::Auto, Some(wanted)) = (self.mode, wanted) else { return false };
+        let wanted_ev = wanted.log2();
+        if self.shown_ev.is_some_and(|shown| (wanted_ev - shown).abs() <= HOLD_EV) {
+            return false;
+        }
+        self.shown_ev = Some((wanted_ev / STEP_EV).round() * STEP_EV);
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn automatic_is_the_definition() {
+        // 300 channel values 1..=300 on covered pixels: rank 0.99 * 299 = 296.01, value 297.01.
+        let mut rgb: Vec<[f32; 3]> = (0..100).map(|i| [0, 1, 2].map(|c| (3 * i + c + 1) as f32)).collect();
+        let mut alpha = vec![0.5; 100];
+        rgb.push([1e6; 3]);
+        alpha.push(0.0);
+        let exposure = automatic(&rgb, &alpha).unwrap();
+        assert!((exposure - 0.8 / 297.01).abs() < 1e-6, "{exposure}");
+        assert_eq!(automatic(&[[0.0; 3]], &[1.0]), None);
+        assert_eq!(automatic(&[], &[]), None);
+    }
+
+    #[test]
+    fn small_changes_hold_and_large_ones_step() {
+        let mut control = ExposureControl::new(ExposureMode::Auto);
+        assert!(control.see(Some(2f64.powf(3.1))));
+        assert!((control.ev() - 3.0).abs() < 1e-9);
+        assert!(!control.see(Some(2f64.powf(3.45))));
+        assert!(!control.see(None));
+        assert!(control.see(Some(2f64.powf(3.55))));
+        assert!((control.ev() - 11.0 / 3.0).abs() < 1e-9);
+        assert!(!control.see(Some(2f64.powf(3.45))), "no flapping back");
+    }
+
+    #[test]
+    fn a_dawn_of_fifteen_stops_is_followed_within_half_a_stop() {
+        let mut control = ExposureControl::new(ExposureMode::Auto);
+        let mut changes = 0;
+        for i in 0..=1500 {
+            let wanted_ev = 10.0 - 0.01 * f64::from(i);
+            changes += u32::from(control.see(Some(2f64.powf(wanted_ev))));
+            assert!((control.ev() - wanted_ev).abs() <= HOLD_EV + 1e-9);
+        }
+        assert!(changes < 50, "{changes}");
+    }
+
+    #[test]
+    fn fixed_stays() {
+        let mut control = ExposureControl::new(ExposureMode::Fixed(-2.0));
+        assert!(!control.see(Some(64.0)));
+        assert_eq!(control.factor(), 0.25);
+    }
+}
