@@ -1,0 +1,287 @@
+//! The response of pixels to every patch of the sky, all patches in one pass.
+//!
+//! A pixel is seen by `camera_samples` rays, jittered in 4 x 4 strata. Rays are aimed at the patches (a) from the seen
+//! surfaces, each patch from a rotating quarter of the strata or from all of them where the pixel is not uniform, and
+//! (b) from every further surface of the paths that go on from there, one patch out of each group of neighbours, so
+//! that over the pixel's paths every patch of a group has the same number of rays. A path that escapes adds nothing:
+//! all light comes by aimed rays.
+
+use glam::Vec3A;
+use relume_firmware::patches::PatchSet;
+
+use crate::camera::{Camera, CameraView};
+use crate::fragments::{Fragment, fragments};
+use crate::geometry::{Geometry, Surface};
+use crate::path::Tracer;
+use crate::scene::Scene;
+use crate::strata::{Grid, PatchTable, Rng, STRATA, class_of};
+use crate::viewpoint::{self, TransportError};
+
+/// Width and height of a tile, pixels.
+pub const TILE: u32 = 16;
+
+/// How finely light is sampled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TransportOptions {
+    /// Most surface hits of a path, the seen one included; 0 for no limit (Russian roulette ends paths).
+    pub max_hits: u32,
+    /// The same seed gives the same response, whatever the number of threads.
+    pub seed: u64,
+    /// Rays from the eye per pixel; rounded up to a multiple of 16.
+    pub camera_samples: u32,
+    /// Of the four classes of strata, how many aim rays at each patch in a uniform pixel: 1, 2 or 4.
+    pub direct_classes: u32,
+    /// Paths that go on from each seen surface: 1 to 16.
+    pub paths: u32,
+    /// Neighbouring patches that share one ray at every later surface of a path: 1 to 64.
+    pub patch_group: u32,
+    /// Rays from the eye per pixel for one sun; rounded up to a multiple of 16.
+    pub sun_samples: u32,
+}
+
+impl Default for TransportOptions {
+    fn default() -> Self {
+        TransportOptions {
+            max_hits: 0,
+            seed: 1,
+            camera_samples: 16,
+            direct_classes: 1,
+            paths: 4,
+            patch_group: 16,
+            sun_samples: 64,
+        }
+    }
+}
+
+impl TransportOptions {
+    fn checked(self) -> Self {
+        let rounds = |samples: u32| samples.clamp(1, 1 << 16).next_multiple_of(STRATA);
+        TransportOptions {
+            camera_samples: rounds(self.camera_samples),
+            sun_samples: rounds(self.sun_samples),
+            direct_classes: if self.direct_classes >= 3 { 4 } else { self.direct_classes.max(1) },
+            paths: self.paths.clamp(1, 16),
+            patch_group: self.patch_group.clamp(1, 64),
+            ..self
+        }
+    }
+}
+
+/// The response of the pixels of one tile.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TileResponse {
+    /// Left column of the tile in the picture.
+    pub x0: u32,
+    /// Top row of the tile in the picture.
+    pub y0: u32,
+    /// Columns, at most [`TILE`].
+    pub w: u32,
+    /// Rows, at most [`TILE`].
+    pub h: u32,
+    /// Number of patches.
+    pub patches: usize,
+    /// `[h][w]`: share of each pixel that geometry covers.
+    pub coverage: Vec<f32>,
+    /// Indices `y * w + x` of the pixels with coverage above 0, ascending.
+    pub covered: Vec<u16>,
+    /// `[covered][channel 3][patch]`: radiance for patch radiance 1, premultiplied.
+    pub response: Vec<f32>,
+    /// Same shape: the part of `response` that met two surfaces or more.
+    pub indirect: Vec<f32>,
+    /// `[covered]`: the surfaces seen.
+    pub fragments: Vec<Vec<Fragment>>,
+}
+
+/// Light transport from the patches to the pixels of one camera.
+pub struct Transport<'s> {
+    pub(crate) tracer: Tracer<'s>,
+    pub(crate) view: CameraView,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) options: TransportOptions,
+    patches: PatchTable,
+}
+
+/// What one pixel's rays from the eye met, `[camera_samples]`; sample `k` lies in stratum `k % 16`.
+pub(crate) type Seen = Vec<Option<Surface>>;
+
+impl<'s> Transport<'s> {
+    /// Prepares `scene` for the view of `camera` at `size` (width, height) pixels.
+    ///
+    /// # Errors
+    /// [`TransportError`]: zero size, no triangles, a camera that sees nothing or stands inside a wall.
+    pub fn new(
+        scene: &'s Scene,
+        camera: &Camera,
+        patch_set: PatchSet,
+        size: (u32, u32),
+        options: TransportOptions,
+    ) -> Result<Self, TransportError> {
+        viewpoint::check_size(size)?;
+        if scene.triangles.is_empty() {
+            return Err(TransportError::NoTriangles);
+        }
+        let geometry = Geometry::new(scene);
+        let view = camera.view(size.0, size.1);
+        viewpoint::check_view(&geometry, &view, size)?;
+        let options = options.checked();
+        Ok(Transport {
+            tracer: Tracer { geometry, max_hits: options.max_hits },
+            view,
+            width: size.0,
+            height: size.1,
+            options,
+            patches: PatchTable::new(&patch_set),
+        })
+    }
+
+    /// Tiles across and down.
+    pub fn tiles(&self) -> (u32, u32) {
+        (self.width.div_ceil(TILE), self.height.div_ceil(TILE))
+    }
+
+    /// Left, top, width and height of tile (`tx`, `ty`); width and height are 0 outside the picture.
+    pub(crate) fn tile_rectangle(&self, tx: u32, ty: u32) -> [u32; 4] {
+        let (x0, y0) = ((tx * TILE).min(self.width), (ty * TILE).min(self.height));
+        [x0, y0, TILE.min(self.width - x0), TILE.min(self.height - y0)]
+    }
+
+    /// The response of tile (`tx`, `ty`). Depends on the seed and the pixels only.
+    pub fn tile(&self, tx: u32, ty: u32) -> TileResponse {
+        let [x0, y0, w, h] = self.tile_rectangle(tx, ty);
+        let patches = self.patches.len();
+        let mut tile = TileResponse {
+            x0,
+            y0,
+            w,
+            h,
+            patches,
+            coverage: vec![0.0; (w * h) as usize],
+            covered: Vec::new(),
+            response: Vec::new(),
+            indirect: Vec::new(),
+            fragments: Vec::new(),
+        };
+        for index in 0..w * h {
+            let (x, y) = (x0 + index % w, y0 + index / w);
+            let mut rng = Rng::new(self.options.seed, x, y, 0);
+            let seen = self.seen(x, y, self.options.camera_samples, &mut rng);
+            let hits = seen.iter().flatten().count();
+            if hits == 0 {
+                continue;
+            }
+            tile.coverage[index as usize] = hits as f32 / seen.len() as f32;
+            tile.covered.push(index as u16);
+            tile.fragments.push(fragments(&seen));
+            let from = tile.response.len();
+            tile.response.resize(from + 3 * patches, 0.0);
+            tile.indirect.resize(from + 3 * patches, 0.0);
+            self.further_light(&seen, &mut tile.indirect[from..], &mut rng);
+            tile.response[from..].copy_from_slice(&tile.indirect[from..]);
+            self.first_light(&seen, &mut tile.response[from..], &mut rng);
+        }
+        tile
+    }
+
+    /// The surfaces that `samples` jittered rays from the eye meet in pixel (`x`, `y`).
+    pub(crate) fn seen(&self, x: u32, y: u32, samples: u32, rng: &mut Rng) -> Seen {
+        let strata = Grid::new(STRATA);
+        let origin = self.view.position.as_vec3a();
+        let sample = |k: u32| {
+            let at = strata.point(k % STRATA, rng.square());
+            let direction = Vec3A::from(self.view.direction(x as f32 + at.x, y as f32 + at.y));
+            self.tracer.first(origin, direction, rng)
+        };
+        (0..samples).map(sample).collect()
+    }
+
+    /// Adds the light that reaches the seen surfaces straight from the patches to `[channel][patch]`.
+    fn first_light(&self, seen: &Seen, response: &mut [f32], rng: &mut Rng) {
+        let patches = self.patches.len();
+        let classes = if uniform(seen) { self.options.direct_classes } else { 4 };
+        let rays = classes * seen.len() as u32 / 4;
+        let grid = Grid::new(rays);
+        for patch in 0..patches {
+            let turn = rng.next_u32();
+            let weight = self.patches.solid_angle_sr[patch] / (std::f32::consts::PI * rays as f32);
+            let mut cell = turn >> 2;
+            let mut sum = Vec3A::ZERO;
+            for (k, surface) in seen.iter().enumerate() {
+                if (class_of(k as u32 % STRATA) + turn) & 3 >= classes {
+                    continue;
+                }
+                cell += 1;
+                if let Some(surface) = surface
+                    && !self.patches.below(patch, surface.normal_flat)
+                {
+                    let direction = self.patches.direction(patch, grid.point(cell % rays, rng.jitter()));
+                    let cosine = surface.cosine(direction);
+                    if cosine > 0.0 {
+                        let passed = self.tracer.geometry.transmittance(surface.position, direction);
+                        sum += surface.albedo * (cosine * passed);
+                    }
+                }
+            }
+            for channel in 0..3 {
+                response[channel * patches + patch] += sum[channel] * weight;
+            }
+        }
+    }
+
+    /// Adds the light that reaches the seen surfaces by way of others to `[channel][patch]`.
+    fn further_light(&self, seen: &Seen, indirect: &mut [f32], rng: &mut Rng) {
+        let samples = seen.len() as u32;
+        let total = samples * self.options.paths;
+        let blocks = Grid::new(self.options.paths);
+        let cells = Grid::new(samples);
+        let start = rng.next_u32() >> 1;
+        for path in 0..self.options.paths {
+            // Within block `path` of directions every sample takes another cell.
+            let turn = rng.next_u32() % samples;
+            for (k, surface) in seen.iter().enumerate() {
+                let Some(surface) = surface else { continue };
+                let cell = (k as u32 * 5 + turn) % samples;
+                let at = blocks.point(path, cells.point(cell, rng.jitter()));
+                let pick = k as u32 + 5 * path;
+                self.tracer.walk(surface, at, rng, |surface, throughput, hits, rng| {
+                    let pick = pick.wrapping_add(start.wrapping_mul(hits));
+                    self.aim(surface, throughput / total as f32, pick, indirect, rng);
+                });
+            }
+        }
+    }
+
+    /// Adds the light that `surface` passes on from one patch of every group, weighted by the group's size.
+    fn aim(&self, surface: &Surface, throughput: Vec3A, pick: u32, indirect: &mut [f32], rng: &mut Rng) {
+        let patches = self.patches.len();
+        let value = surface.albedo * throughput * std::f32::consts::FRAC_1_PI;
+        if value.max_element() <= 0.0 {
+            return;
+        }
+        for group in (0..patches).step_by(self.options.patch_group as usize) {
+            let size = (patches - group).min(self.options.patch_group as usize);
+            let patch = group + pick.wrapping_add(crate::strata::hash(group as u32)) as usize % size;
+            let at = rng.jitter();
+            if self.patches.below(patch, surface.normal_flat) {
+                continue;
+            }
+            let direction = self.patches.direction(patch, at);
+            let cosine = surface.cosine(direction);
+            if cosine > 0.0 {
+                let passed = self.tracer.geometry.transmittance(surface.position, direction);
+                let light = value * (passed * cosine * self.patches.solid_angle_sr[patch] * size as f32);
+                for channel in 0..3 {
+                    indirect[channel * patches + patch] += light[channel];
+                }
+            }
+        }
+    }
+}
+
+/// Whether all samples of a pixel met one kind of surface: a quarter of them then stands for all.
+fn uniform(seen: &Seen) -> bool {
+    let Some(Some(first)) = seen.first() else { return false };
+    seen.iter().all(|surface| {
+        surface.is_some_and(|s| s.normal.dot(first.normal) > 0.98 && (s.albedo - first.albedo).length() < 0.05)
+    })
+}

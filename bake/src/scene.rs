@@ -1,0 +1,343 @@
+//! The scene: triangles in world space with their base colour, read from a glTF 2.0 file.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DMat4, DVec3, Vec2, Vec3};
+
+use crate::gltf_file::GltfFile;
+use crate::texture::{Texture, UvTransform};
+
+/// Why a scene file cannot be used. Every message names the file, what is at fault, and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    /// The scene file, or a file that it names, cannot be read.
+    #[error("{file}: cannot read {part}: {source}; check the path and export the scene again", file = .file.display())]
+    Read {
+        /// The scene file.
+        file: PathBuf,
+        /// What was to be read, by name.
+        part: String,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// The file is not glTF 2.0, or contradicts itself.
+    #[error("{file}: not a usable glTF 2.0 file: {fault}; export it again as .glb", file = .file.display())]
+    Format {
+        /// The scene file.
+        file: PathBuf,
+        /// What does not hold.
+        fault: String,
+    },
+    /// The file requires a glTF extension that is not read here.
+    #[error("{file}: needs the glTF extension {extension}, which is not supported; {advice}", file = .file.display())]
+    Extension {
+        /// The scene file.
+        file: PathBuf,
+        /// The extension's name.
+        extension: String,
+        /// The way out.
+        advice: &'static str,
+    },
+    /// A texture cannot be decoded.
+    #[error("{file}: image {image} cannot be decoded: {fault}; use a PNG or JPEG", file = .file.display())]
+    Image {
+        /// The scene file.
+        file: PathBuf,
+        /// The image by name or number.
+        image: String,
+        /// What the decoder said.
+        fault: String,
+    },
+    /// A vertex position is NaN or infinite.
+    #[error("{file}: {place} has a vertex that is not a finite number; clean up the mesh and export it again", file = .file.display())]
+    Vertex {
+        /// The scene file.
+        file: PathBuf,
+        /// Mesh and node by name.
+        place: String,
+    },
+    /// There is nothing to see.
+    #[error("{file}: the scene has no triangles; export at least one mesh with faces", file = .file.display())]
+    NoTriangles {
+        /// The scene file.
+        file: PathBuf,
+    },
+}
+
+/// How a material treats alpha (its base colour's alpha times its texture's).
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub enum Alpha {
+    /// Alpha is ignored.
+    #[default]
+    Opaque,
+    /// Nothing is there where alpha is below `cutoff`.
+    Mask {
+        /// Alpha from which the surface is there.
+        cutoff: f32,
+    },
+    /// Alpha is the share of light that meets the surface.
+    Blend,
+}
+
+/// A Lambert material, the same on both sides.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Its name in the file.
+    pub name: String,
+    /// Linear RGB reflectance and alpha, each 0..1; multiplies the texture.
+    pub base_color: [f32; 4],
+    /// Index into [`Scene::textures`].
+    pub texture: Option<u32>,
+    /// How alpha is treated.
+    pub alpha: Alpha,
+}
+
+/// A triangle in world space, metres; counter-clockwise seen from its front.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Triangle {
+    /// Corners, m.
+    pub positions: [Vec3; 3],
+    /// Unit shading normals at the corners.
+    pub normals: [Vec3; 3],
+    /// Texture coordinates at the corners, the material's texture transform applied.
+    pub uvs: [Vec2; 3],
+    /// Index into [`Scene::materials`].
+    pub material: u32,
+}
+
+/// All triangles of a scene with their materials.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scene {
+    /// Triangles, none of zero area.
+    pub triangles: Vec<Triangle>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// Base-colour textures.
+    pub textures: Vec<Texture>,
+}
+
+/// Reads a `.glb` or `.gltf` file: the default scene, else the first, else every node.
+///
+/// # Errors
+/// [`SceneError`], see its variants.
+pub fn load(path: &Path) -> Result<Scene, SceneError> {
+    let file = GltfFile::open(path)?;
+    let mut loader = Loader { file: &file, scene: Scene::default(), transforms: Vec::new() };
+    loader.materials()?;
+    let document = &file.document;
+    let roots: Vec<gltf::Node> = match document.default_scene().or_else(|| document.scenes().next()) {
+        Some(scene) => scene.nodes().collect(),
+        None => document.nodes().collect(),
+    };
+    for node in roots {
+        loader.node(&node, DMat4::IDENTITY, 0)?;
+    }
+    if loader.scene.triangles.is_empty() {
+        return Err(SceneError::NoTriangles { file: path.to_owned() });
+    }
+    Ok(loader.scene)
+}
+
+/// Which texture coordinates a material uses, and how.
+#[derive(Clone, Copy, Default)]
+struct UvUse {
+    set: u32,
+    transform: UvTransform,
+}
+
+struct Loader<'f> {
+    file: &'f GltfFile,
+    scene: Scene,
+    /// Per material.
+    transforms: Vec<UvUse>,
+}
+
+impl Loader<'_> {
+    fn materials(&mut self) -> Result<(), SceneError> {
+        let mut textures = std::collections::BTreeMap::new();
+        for material in self.file.document.materials() {
+            let pbr = material.pbr_metallic_roughness();
+            let mut uv_use = UvUse::default();
+            let mut texture = None;
+            if let Some(info) = pbr.base_color_texture() {
+                uv_use.set = info.tex_coord();
+                if let Some(transform) = info.texture_transform() {
+                    uv_use.set = transform.tex_coord().unwrap_or(uv_use.set);
+                    uv_use.transform = UvTransform {
+                        offset: transform.offset().into(),
+                        rotation: transform.rotation(),
+                        scale: transform.scale().into(),
+                    };
+                }
+                let index = info.texture().index();
+                if let std::collections::btree_map::Entry::Vacant(entry) = textures.entry(index) {
+                    entry.insert(self.scene.textures.len() as u32);
+                    self.scene.textures.push(self.file.texture(&info.texture())?);
+                }
+                texture = textures.get(&index).copied();
+            }
+            self.scene.materials.push(Material {
+                name: material.name().unwrap_or("").to_owned(),
+                base_color: pbr.base_color_factor().map(|v| if v.is_finite() { v.clamp(0.0, 1.0) } else { 1.0 }),
+                texture,
+                alpha: match material.alpha_mode() {
+                    gltf::material::AlphaMode::Opaque => Alpha::Opaque,
+                    gltf::material::AlphaMode::Mask => Alpha::Mask { cutoff: material.alpha_cutoff().unwrap_or(0.5) },
+                    gltf::material::AlphaMode::Blend => Alpha::Blend,
+                },
+            });
+            self.transforms.push(uv_use);
+        }
+        // glTF's default material, for primitives that name none.
+        let base_color = [1.0; 4];
+        self.scene.materials.push(Material { name: "default".into(), base_color, texture: None, alpha: Alpha::Opaque });
+        self.transforms.push(UvUse::default());
+        Ok(())
+    }
+
+    fn node(&mut self, node: &gltf::Node, parent: DMat4, depth: usize) -> Result<(), SceneError> {
+        // A tree cannot be deeper than it has nodes: deeper is a cycle, which would recurse for ever.
+        if depth > self.file.document.nodes().len().min(512) {
+            return Err(self.file.fault(format!("node {} is its own ancestor or too deep", node.index())));
+        }
+        let local = node.transform().matrix().map(|column| column.map(f64::from));
+        let to_world = parent * DMat4::from_cols_array_2d(&local);
+        if let Some(mesh) = node.mesh() {
+            let name = |name: Option<&str>, index: usize| name.map_or(format!("{index}"), |n| format!("'{n}'"));
+            let place = format!("mesh {} of node {}", name(mesh.name(), mesh.index()), name(node.name(), node.index()));
+            for primitive in mesh.primitives() {
+                self.primitive(&primitive, to_world, &place)?;
+            }
+        }
+        for child in node.children() {
+            self.node(&child, to_world, depth + 1)?;
+        }
+        Ok(())
+    }
+
+    fn primitive(&mut self, primitive: &gltf::Primitive, to_world: DMat4, place: &str) -> Result<(), SceneError> {
+        use gltf::mesh::Mode;
+        if !matches!(primitive.mode(), Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
+            return Ok(());
+        }
+        let Some(positions) = self.attribute::<3>(primitive, &gltf::Semantic::Positions, place)? else {
+            return Ok(());
+        };
+        let normals = self.attribute::<3>(primitive, &gltf::Semantic::Normals, place)?;
+        let material = primitive.material().index().unwrap_or(self.scene.materials.len() - 1);
+        let uv_use = self.transforms.get(material).copied().unwrap_or_default();
+        let uvs = self.attribute::<2>(primitive, &gltf::Semantic::TexCoords(uv_use.set), place)?;
+        let corners = self.corners(primitive, positions.len(), place)?;
+        let mesh = PlacedMesh::new(&positions, normals.as_deref(), uvs.as_deref(), to_world, uv_use.transform);
+        for corner in corners {
+            match mesh.triangle(corner, material as u32) {
+                Ok(Some(triangle)) => self.scene.triangles.push(triangle),
+                Ok(None) => {}
+                Err(NotFinite) => return Err(SceneError::Vertex { file: self.file.path.clone(), place: place.into() }),
+            }
+        }
+        Ok(())
+    }
+
+    fn attribute<const N: usize>(
+        &self,
+        primitive: &gltf::Primitive,
+        semantic: &gltf::Semantic,
+        place: &str,
+    ) -> Result<Option<Vec<[f64; N]>>, SceneError> {
+        let Some(accessor) = primitive.get(semantic) else { return Ok(None) };
+        match crate::accessor::read(&accessor, &self.file.buffers) {
+            Some((values, components)) if components == N => Ok(Some(values.as_chunks::<N>().0.to_vec())),
+            _ => Err(self.file.fault(format!("{place}: accessor {} lies outside its buffer", accessor.index()))),
+        }
+    }
+
+    /// The corners of every triangle of a primitive as indices below `vertices`.
+    fn corners(
+        &self,
+        primitive: &gltf::Primitive,
+        vertices: usize,
+        place: &str,
+    ) -> Result<Vec<[usize; 3]>, SceneError> {
+        use gltf::mesh::Mode;
+        let indices: Vec<usize> = match primitive.indices() {
+            None => (0..vertices).collect(),
+            Some(accessor) => match crate::accessor::read(&accessor, &self.file.buffers) {
+                Some((values, 1)) => values.iter().map(|&v| v as usize).collect(),
+                _ => return Err(self.file.fault(format!("{place}: its indices lie outside their buffer"))),
+            },
+        };
+        if let Some(index) = indices.iter().find(|&&index| index >= vertices) {
+            return Err(self.file.fault(format!("{place}: index {index} of only {vertices} vertices")));
+        }
+        let corners = match primitive.mode() {
+            Mode::TriangleStrip => {
+                let turn = |(k, w): (usize, &[usize])| if k % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] };
+                indices.windows(3).enumerate().map(turn).collect()
+            }
+            Mode::TriangleFan => indices.windows(2).skip(1).map(|w| [indices[0], w[0], w[1]]).collect(),
+            _ => indices.as_chunks::<3>().0.to_vec(),
+        };
+        Ok(corners)
+    }
+}
+
+/// A vertex position is NaN or infinite.
+struct NotFinite;
+
+/// The vertices of one primitive under one node.
+struct PlacedMesh<'m> {
+    positions: &'m [[f64; 3]],
+    normals: Option<&'m [[f64; 3]]>,
+    uvs: Option<&'m [[f64; 2]]>,
+    to_world: DMat4,
+    normal_to_world: DMat3,
+    mirrored: bool,
+    uv_transform: UvTransform,
+}
+
+impl<'m> PlacedMesh<'m> {
+    fn new(
+        positions: &'m [[f64; 3]],
+        normals: Option<&'m [[f64; 3]]>,
+        uvs: Option<&'m [[f64; 2]]>,
+        to_world: DMat4,
+        uv_transform: UvTransform,
+    ) -> Self {
+        let linear = DMat3::from_mat4(to_world);
+        let mirrored = linear.determinant() < 0.0;
+        // Cofactors equal the inverse transpose up to a factor, and exist for flattened meshes too.
+        let (x, y, z) = (linear.x_axis, linear.y_axis, linear.z_axis);
+        let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
+        let normal_to_world = if mirrored { -cofactors } else { cofactors };
+        PlacedMesh { positions, normals, uvs, to_world, normal_to_world, mirrored, uv_transform }
+    }
+
+    /// The triangle in world space; `None` when it has no area.
+    fn triangle(&self, mut corner: [usize; 3], material: u32) -> Result<Option<Triangle>, NotFinite> {
+        if self.mirrored {
+            corner.swap(1, 2);
+        }
+        let world = corner.map(|c| self.to_world.transform_point3(DVec3::from(self.positions[c])).as_vec3());
+        if !world.iter().all(|p| p.is_finite() && p.abs().max_element() < 1e12) {
+            return Err(NotFinite);
+        }
+        let [a, b, c] = world.map(|p| p.as_dvec3());
+        let flat = (b - a).cross(c - a);
+        let longest = (b - a).length_squared().max((c - a).length_squared()).max((c - b).length_squared());
+        if flat.length() <= 1e-12 * longest {
+            return Ok(None);
+        }
+        let flat = flat.normalize();
+        let normals = corner.map(|c| {
+            let own =
+                self.normals.and_then(|n| n.get(c)).map(|&n| (self.normal_to_world * DVec3::from(n)).try_normalize());
+            own.flatten().unwrap_or(flat).as_vec3()
+        });
+        let uvs = corner.map(|c| {
+            let uv = self.uvs.and_then(|u| u.get(c)).map_or(Vec2::ZERO, |&[u, v]| Vec2::new(u as f32, v as f32));
+            self.uv_transform.apply(uv)
+        });
+        Ok(Some(Triangle { positions: world, normals, uvs, material }))
+    }
+}
