@@ -1,0 +1,51 @@
+//! CPU time of this process: what a frame costs a board, whatever else the machine does meanwhile.
+
+use rustix::time::{ClockId, clock_gettime};
+
+/// CPU time used so far by all threads of this process, seconds.
+///
+/// The process clock and not the thread's: a method that hands its work to a thread of its own must not look free.
+pub fn cpu_s() -> f64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
+}
+
+/// Median of the values (mean of the middle two for an even count); NaN for none.
+pub fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    match sorted.len() {
+        0 => f64::NAN,
+        n if n % 2 == 1 => sorted[n / 2],
+        n => 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_work_and_not_sleep() {
+        let before = cpu_s();
+        std::thread::sleep(std::time::Duration::from_millis(60));
+        let slept = cpu_s() - before;
+        let wall = std::time::Instant::now();
+        let before = cpu_s();
+        let mut x = 1u64;
+        while wall.elapsed().as_millis() < 60 {
+            x = std::hint::black_box(x.wrapping_mul(3));
+        }
+        let worked = cpu_s() - before;
+        // Other tests of this process may run beside this one, so only the lower bound of the work is sharp.
+        assert!(worked > 0.02, "worked {worked}");
+        assert!(slept >= 0.0);
+    }
+
+    #[test]
+    fn medians_by_hand() {
+        assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), 2.5);
+        assert!(median(&[]).is_nan());
+    }
+}
