@@ -1,3 +1,17 @@
-//! Relume's per-pixel core.
-#![no_std]
+//! Relume's per-pixel core: weights -> tile coefficients -> linear pixels -> composited surface.
+//!
+//! `no_std`, no allocation, no operating system. The host program and the C interface lend it bytes and buffers.
+#![cfg_attr(not(test), no_std)]
+
+pub mod composite;
+pub mod field;
+pub mod interpolate;
+pub mod kernel;
+pub mod overlay;
 pub mod patches;
+pub mod relight;
+pub mod sunlight;
+pub mod surface;
+pub mod tile;
+pub mod tone;
+pub mod weights;

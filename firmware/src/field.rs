@@ -1,0 +1,491 @@
+//! The field file, version 1, byte by byte, and its one checked constructor.
+//!
+//! All numbers are little-endian. `Field::new` checks every structure below once over borrowed bytes (a memory map or
+//! flash); afterwards no accessor can fail.
+//!
+//! ```text
+//! header, 160 bytes
+//!   0  8  magic 89 52 4C 4D 0D 0A 1A 0A   ("\x89RLM\r\n\x1a\n": spoilt by any text-mode copy)
+//!   8  u16 version = 1
+//!  10  u16 header length = 160
+//!  12  u32 number of layers
+//!  16  u64 file length
+//!  24  u32 width, px            28  u32 height, px
+//!  32  u32 tile edge, px = 16   36  u32 patch-set id (PatchSet::id)
+//!  40  u16 upper patches        42  u16 lower patches
+//!  44  u32 covered pixels
+//!  48  f32[3] camera position   60  f32[3] camera target    72  f32[3] camera up   (world, metres)
+//!  84  f32 vertical field of view, degrees                  88  f32 north_deg
+//!  92  f32 error target, a fraction (relative RMSE)
+//!  96  f32 site latitude       100  f32 site longitude      (degrees; NaN: baked for any site)
+//! 104  u64 seed                112  u32 most surface hits (0: unlimited)
+//! 116  reserved, 0
+//! 152  u32 CRC-32 of the layer table                        156  u32 CRC-32 of bytes 0..156
+//!
+//! layer table at 160: per layer 32 bytes
+//!   0  [u8;4] kind   4  u32 flags (bit 0: a reader that does not know the kind must refuse the file)
+//!   8  u64 offset (multiple of 64)   16  u64 length   24  u32 CRC-32 of the layer   28  reserved, 0
+//!
+//! layers of version 1 (an unknown kind without flag bit 0 is passed over)
+//!   TILE RESU RESV ROWS   the response: a tile set (below)
+//!   COVR                  coverage, u8 per covered pixel, 255 = whole; slots of whole tiles may be left out
+//!   SUNT SUNU SUNV SUNR   indirect sunlight: a tile set with the same masks, read only when the sun moves
+//!   CAST CBVH FRGT FRAG   direct sunlight: surfaces, their bounding volumes, and what each pixel sees (sunlight.rs)
+//!   META                  UTF-8 JSON about the bake, for people
+//!
+//! a tile set: one 64-byte record per tile, tiles row by row
+//!   0  [u8;32] mask: bit y*16+x (least significant bit first) is set where the pixel is covered
+//!  32  u32 place of U    36  u32 place of V    40  u32 place of the row scales   44  u32 place of coverage
+//!         (in units of 16 bytes in RESU, RESV, ROWS, COVR; coverage FFFFFFFF: every pixel of the mask is whole)
+//!  48  u16 covered pixels n = bits set in the mask           50  u16 rank r, even, 0..=128
+//!  52  i8[3] exponent of the row scales, R G B               55  i8[3] exponent of V's scales, R G B
+//!  58  reserved, 0
+//!   U     i8, r/2 planes of n' pixel pairs: U[x][2j], U[x][2j+1] at (j*n' + x)*2; n' = n rounded up to 16
+//!   V     i8 [3][r][p'], p' = patches rounded up to 16 (filled with 0), then u16 [3][r] scales
+//!   rows  u16 [3][n'] row scales
+//!
+//! response[x][c][i] = rows[c][x] 2^re[c] * sum_k U[x][k] * V[c][k][i] * scale[c][k] 2^ve[c]
+//! ```
+
+use crate::patches::{MAX_PATCHES, PatchError, PatchSet};
+use crate::sunlight::SunSurfaces;
+use crate::tile::{TILE_RECORD, TileSet};
+
+/// First bytes of every field file.
+pub const MAGIC: [u8; 8] = *b"\x89RLM\r\n\x1a\n";
+/// The version this reader and `relume-bake` speak.
+pub const VERSION: u16 = 1;
+/// Length of the header, bytes.
+pub const HEADER: usize = 160;
+/// Length of one entry of the layer table, bytes.
+pub const LAYER_ENTRY: usize = 32;
+/// Layers start at multiples of this.
+pub const LAYER_ALIGN: usize = 64;
+/// Largest width or height, px.
+pub const MAX_EDGE: u32 = 16384;
+/// Layer flag: a reader that does not know the layer must refuse the file.
+pub const LAYER_CRITICAL: u32 = 1;
+/// Most layers a file may have.
+pub const MAX_LAYERS: u32 = 256;
+
+/// A layer's kind.
+pub type LayerKind = [u8; 4];
+
+/// Kinds that this version reads.
+pub const KNOWN_LAYERS: [LayerKind; 14] = [
+    *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"SUNT", *b"SUNU", *b"SUNV", *b"SUNR", *b"CAST", *b"CBVH",
+    *b"FRGT", *b"FRAG", *b"META",
+];
+
+/// What is wrong with a field; each message says what to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FieldError {
+    /// Shorter than a header or than the length it states.
+    Truncated {
+        /// Bytes that are there.
+        have: u64,
+        /// Bytes that the file says it has.
+        need: u64,
+    },
+    /// The first bytes are not a field's.
+    NotAField,
+    /// A version this reader does not know.
+    Version(u16),
+    /// A checksum does not fit; the kind of the layer, or `None` for the header or layer table.
+    Checksum(Option<LayerKind>),
+    /// The patch-set id is not the one of the stated counts.
+    PatchSet {
+        /// Id in the file.
+        found: u32,
+        /// Id that this program gives that set.
+        expected: u32,
+    },
+    /// The patch counts are outside what this reader does.
+    Patches(PatchError),
+    /// A layer that must be understood is unknown here.
+    UnknownLayer(LayerKind),
+    /// A layer that version 1 needs is missing.
+    MissingLayer(LayerKind),
+    /// Something in the header or a layer contradicts the rest; names the place.
+    Invalid(&'static str),
+}
+
+impl core::fmt::Display for FieldError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let name = |kind: &LayerKind| [kind[0] as char, kind[1] as char, kind[2] as char, kind[3] as char];
+        match self {
+            FieldError::Truncated { have, need } => {
+                write!(f, "truncated: {have} bytes of {need}; copy the field again")
+            }
+            FieldError::NotAField => write!(f, "not a Relume field; make one with relume-bake"),
+            FieldError::Version(v) => {
+                write!(f, "field version {v}, this program reads {VERSION}; use the matching release or bake again")
+            }
+            FieldError::Checksum(None) => write!(f, "damaged header (checksum); copy the field again"),
+            FieldError::Checksum(Some(k)) => {
+                let [a, b, c, d] = name(k);
+                write!(f, "damaged layer {a}{b}{c}{d} (checksum); copy the field again")
+            }
+            FieldError::PatchSet { found, expected } => {
+                write!(f, "patch set {found:08x} is not known here (expected {expected:08x}); bake the field again")
+            }
+            FieldError::Patches(e) => write!(f, "patch set: {e}; bake the field again"),
+            FieldError::UnknownLayer(k) => {
+                let [a, b, c, d] = name(k);
+                write!(f, "needs layer {a}{b}{c}{d}, which this program does not know; use a newer release")
+            }
+            FieldError::MissingLayer(k) => {
+                let [a, b, c, d] = name(k);
+                write!(f, "layer {a}{b}{c}{d} is missing; bake the field again")
+            }
+            FieldError::Invalid(what) => write!(f, "invalid {what}; bake the field again"),
+        }
+    }
+}
+
+impl core::error::Error for FieldError {}
+
+/// The viewpoint a field was baked for (the camera file's values).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraRecord {
+    /// Eye, world metres.
+    pub position: [f32; 3],
+    /// A point in the middle of the picture, world metres.
+    pub target: [f32; 3],
+    /// World direction that is up in the picture.
+    pub up: [f32; 3],
+    /// Vertical field of view, degrees.
+    pub fov_y_deg: f32,
+    /// Where true north lies, degrees from -Z towards +X.
+    pub north_deg: f32,
+}
+
+/// What the header says; `encode` and `decode` are each other's inverse.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Header {
+    /// Picture width, px.
+    pub width: u32,
+    /// Picture height, px.
+    pub height: u32,
+    /// The patch set.
+    pub patches: PatchSet,
+    /// Pixels with coverage.
+    pub covered: u32,
+    /// Viewpoint.
+    pub camera: CameraRecord,
+    /// Relative RMSE the compression aimed at, a fraction.
+    pub error_target: f32,
+    /// Latitude and longitude whose sun band was baked, degrees; `None`: any.
+    pub site: Option<[f32; 2]>,
+    /// Seed of the bake.
+    pub seed: u64,
+    /// Most surface hits of a path, 0 for unlimited.
+    pub max_hits: u32,
+}
+
+/// One entry of the layer table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layer {
+    /// Kind.
+    pub kind: LayerKind,
+    /// Flags; see [`LAYER_CRITICAL`].
+    pub flags: u32,
+    /// First byte in the file.
+    pub offset: u64,
+    /// Length, bytes.
+    pub length: u64,
+    /// CRC-32 of the layer's bytes.
+    pub crc32: u32,
+}
+
+pub(crate) fn u16_at(bytes: &[u8], at: usize) -> u16 {
+    u16::from_le_bytes([bytes[at], bytes[at + 1]])
+}
+
+pub(crate) fn u32_at(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
+}
+
+pub(crate) fn u64_at(bytes: &[u8], at: usize) -> u64 {
+    u64::from(u32_at(bytes, at)) | u64::from(u32_at(bytes, at + 4)) << 32
+}
+
+pub(crate) fn f32_at(bytes: &[u8], at: usize) -> f32 {
+    f32::from_bits(u32_at(bytes, at))
+}
+
+pub(crate) fn vec3_at(bytes: &[u8], at: usize) -> [f32; 3] {
+    [f32_at(bytes, at), f32_at(bytes, at + 4), f32_at(bytes, at + 8)]
+}
+
+impl Header {
+    /// The 160 header bytes, checksums included, for a file of `file_length` bytes with this layer table.
+    pub fn encode(&self, file_length: u64, layer_table: &[u8]) -> [u8; HEADER] {
+        let mut out = [0u8; HEADER];
+        let mut put = |at: usize, bytes: &[u8]| out[at..at + bytes.len()].copy_from_slice(bytes);
+        put(0, &MAGIC);
+        put(8, &VERSION.to_le_bytes());
+        put(10, &(HEADER as u16).to_le_bytes());
+        put(12, &((layer_table.len() / LAYER_ENTRY) as u32).to_le_bytes());
+        put(16, &file_length.to_le_bytes());
+        put(24, &self.width.to_le_bytes());
+        put(28, &self.height.to_le_bytes());
+        put(32, &(crate::tile::TILE_PX as u32).to_le_bytes());
+        put(36, &self.patches.id().to_le_bytes());
+        put(40, &(self.patches.upper() as u16).to_le_bytes());
+        put(42, &(self.patches.lower() as u16).to_le_bytes());
+        put(44, &self.covered.to_le_bytes());
+        let c = &self.camera;
+        let floats = c.position.iter().chain(&c.target).chain(&c.up).chain([&c.fov_y_deg, &c.north_deg]);
+        for (k, value) in floats.enumerate() {
+            put(48 + 4 * k, &value.to_le_bytes());
+        }
+        put(92, &self.error_target.to_le_bytes());
+        let site = self.site.unwrap_or([f32::NAN; 2]);
+        put(96, &site[0].to_le_bytes());
+        put(100, &site[1].to_le_bytes());
+        put(104, &self.seed.to_le_bytes());
+        put(112, &self.max_hits.to_le_bytes());
+        put(152, &crc32fast::hash(layer_table).to_le_bytes());
+        let crc = crc32fast::hash(&out[..156]);
+        out[156..].copy_from_slice(&crc.to_le_bytes());
+        out
+    }
+
+    fn decode(b: &[u8]) -> Result<Self, FieldError> {
+        let (width, height) = (u32_at(b, 24), u32_at(b, 28));
+        if width == 0 || height == 0 || width > MAX_EDGE || height > MAX_EDGE {
+            return Err(FieldError::Invalid("picture size"));
+        }
+        if u32_at(b, 32) as usize != crate::tile::TILE_PX {
+            return Err(FieldError::Invalid("tile size"));
+        }
+        let patches = PatchSet::new(usize::from(u16_at(b, 40))).map_err(FieldError::Patches)?;
+        if patches.lower() != usize::from(u16_at(b, 42)) || patches.id() != u32_at(b, 36) {
+            return Err(FieldError::PatchSet { found: u32_at(b, 36), expected: patches.id() });
+        }
+        let camera = CameraRecord {
+            position: vec3_at(b, 48),
+            target: vec3_at(b, 60),
+            up: vec3_at(b, 72),
+            fov_y_deg: f32_at(b, 84),
+            north_deg: f32_at(b, 88),
+        };
+        let finite = (48..92).step_by(4).all(|at| f32_at(b, at).is_finite());
+        if !finite || !(camera.fov_y_deg > 0.0 && camera.fov_y_deg < 180.0) {
+            return Err(FieldError::Invalid("camera"));
+        }
+        let site = [f32_at(b, 96), f32_at(b, 100)];
+        Ok(Header {
+            width,
+            height,
+            patches,
+            covered: u32_at(b, 44),
+            camera,
+            error_target: f32_at(b, 92),
+            site: (site[0].is_finite() && site[1].is_finite()).then_some(site),
+            seed: u64_at(b, 104),
+            max_hits: u32_at(b, 112),
+        })
+    }
+}
+
+impl Layer {
+    /// The entry's 32 bytes.
+    pub fn encode(&self) -> [u8; LAYER_ENTRY] {
+        let mut out = [0u8; LAYER_ENTRY];
+        out[..4].copy_from_slice(&self.kind);
+        out[4..8].copy_from_slice(&self.flags.to_le_bytes());
+        out[8..16].copy_from_slice(&self.offset.to_le_bytes());
+        out[16..24].copy_from_slice(&self.length.to_le_bytes());
+        out[24..28].copy_from_slice(&self.crc32.to_le_bytes());
+        out
+    }
+
+    fn decode(b: &[u8]) -> Self {
+        Layer {
+            kind: [b[0], b[1], b[2], b[3]],
+            flags: u32_at(b, 4),
+            offset: u64_at(b, 8),
+            length: u64_at(b, 16),
+            crc32: u32_at(b, 24),
+        }
+    }
+}
+
+/// A checked field over borrowed bytes.
+#[derive(Clone, Copy, Debug)]
+pub struct Field<'a> {
+    bytes: &'a [u8],
+    header: Header,
+    response: TileSet<'a>,
+    coverage: &'a [u8],
+    sun_indirect: TileSet<'a>,
+    sun_surfaces: SunSurfaces<'a>,
+    meta: &'a [u8],
+}
+
+impl<'a> Field<'a> {
+    /// Checks the whole file: header, table, every layer's checksum, every record. Cost: one read of the file.
+    ///
+    /// # Errors
+    /// [`FieldError`], which says what is wrong and what to do.
+    pub fn new(bytes: &'a [u8]) -> Result<Self, FieldError> {
+        let header = check_header(bytes)?;
+        let layer = |kind: LayerKind| find_layer(bytes, kind).ok_or(FieldError::MissingLayer(kind));
+        let edge = crate::tile::TILE_PX as u32;
+        let tiles = (header.width.div_ceil(edge), header.height.div_ceil(edge));
+        let size = (header.width, header.height);
+        let patches = header.patches.len();
+        if patches > MAX_PATCHES {
+            return Err(FieldError::Invalid("patch count"));
+        }
+        let coverage = layer(*b"COVR")?;
+        let response = TileSet::check(
+            [layer(*b"TILE")?, layer(*b"RESU")?, layer(*b"RESV")?, layer(*b"ROWS")?],
+            Some(coverage),
+            tiles,
+            size,
+            patches,
+        )?;
+        let sun_indirect = TileSet::check(
+            [layer(*b"SUNT")?, layer(*b"SUNU")?, layer(*b"SUNV")?, layer(*b"SUNR")?],
+            None,
+            tiles,
+            size,
+            patches,
+        )?;
+        check_same_masks(&response, &sun_indirect)?;
+        if response.covered() != header.covered as usize {
+            return Err(FieldError::Invalid("count of covered pixels"));
+        }
+        let sun_surfaces =
+            SunSurfaces::check([layer(*b"CAST")?, layer(*b"CBVH")?, layer(*b"FRGT")?, layer(*b"FRAG")?], &response)?;
+        let meta = find_layer(bytes, *b"META").unwrap_or(&[]);
+        Ok(Field { bytes, header, response, coverage, sun_indirect, sun_surfaces, meta })
+    }
+
+    /// The header's facts.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// Picture width, px.
+    pub fn width(&self) -> usize {
+        self.header.width as usize
+    }
+
+    /// Picture height, px.
+    pub fn height(&self) -> usize {
+        self.header.height as usize
+    }
+
+    /// The patch set of the response.
+    pub fn patch_set(&self) -> &PatchSet {
+        &self.header.patches
+    }
+
+    /// The viewpoint.
+    pub fn camera(&self) -> &CameraRecord {
+        &self.header.camera
+    }
+
+    /// The response to the patches.
+    pub fn response(&self) -> TileSet<'a> {
+        self.response
+    }
+
+    /// The indirect part of the response to the sun.
+    pub fn sun_indirect(&self) -> TileSet<'a> {
+        self.sun_indirect
+    }
+
+    /// Surfaces for the direct part of the response to the sun.
+    pub fn sun_surfaces(&self) -> SunSurfaces<'a> {
+        self.sun_surfaces
+    }
+
+    /// Coverage of the tile's covered pixels in mask order, 255 = whole; `None` where all are whole.
+    pub fn coverage(&self, tile: usize) -> Option<&'a [u8]> {
+        let tile = self.response.tile(tile);
+        let at = tile.coverage_at?;
+        Some(&self.coverage[at..at + tile.pixels()])
+    }
+
+    /// What the bake wrote about itself: UTF-8 JSON, empty if none.
+    pub fn meta(&self) -> &'a [u8] {
+        self.meta
+    }
+
+    /// Entries of the layer table, unknown ones included.
+    pub fn layers(&self) -> impl Iterator<Item = Layer> + 'a {
+        layer_table(self.bytes).chunks_exact(LAYER_ENTRY).map(Layer::decode)
+    }
+
+    /// Length of the file, bytes.
+    pub fn file_bytes(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+fn layer_table(bytes: &[u8]) -> &[u8] {
+    &bytes[HEADER..HEADER + u32_at(bytes, 12) as usize * LAYER_ENTRY]
+}
+
+fn find_layer(bytes: &[u8], kind: LayerKind) -> Option<&[u8]> {
+    let entry = layer_table(bytes).chunks_exact(LAYER_ENTRY).map(Layer::decode).find(|l| l.kind == kind)?;
+    bytes.get(entry.offset as usize..(entry.offset + entry.length) as usize)
+}
+
+fn check_header(bytes: &[u8]) -> Result<Header, FieldError> {
+    let have = bytes.len() as u64;
+    if bytes.len() < MAGIC.len() || bytes[..MAGIC.len()] != MAGIC {
+        return Err(FieldError::NotAField);
+    }
+    if bytes.len() < HEADER {
+        return Err(FieldError::Truncated { have, need: HEADER as u64 });
+    }
+    if u16_at(bytes, 8) != VERSION {
+        return Err(FieldError::Version(u16_at(bytes, 8)));
+    }
+    if crc32fast::hash(&bytes[..156]) != u32_at(bytes, 156) || usize::from(u16_at(bytes, 10)) != HEADER {
+        return Err(FieldError::Checksum(None));
+    }
+    let need = u64_at(bytes, 16);
+    if have < need {
+        return Err(FieldError::Truncated { have, need });
+    }
+    let layers = u32_at(bytes, 12);
+    if layers > MAX_LAYERS || have != need || have < (HEADER + layers as usize * LAYER_ENTRY) as u64 {
+        return Err(FieldError::Invalid("length"));
+    }
+    if crc32fast::hash(layer_table(bytes)) != u32_at(bytes, 152) {
+        return Err(FieldError::Checksum(None));
+    }
+    for layer in layer_table(bytes).chunks_exact(LAYER_ENTRY).map(Layer::decode) {
+        check_layer(bytes, &layer)?;
+    }
+    Header::decode(bytes)
+}
+
+fn check_layer(bytes: &[u8], layer: &Layer) -> Result<(), FieldError> {
+    let end = layer.offset.checked_add(layer.length).filter(|&end| end <= bytes.len() as u64);
+    let Some(end) = end.filter(|_| layer.offset % LAYER_ALIGN as u64 == 0) else {
+        return Err(FieldError::Invalid("layer table"));
+    };
+    if !KNOWN_LAYERS.contains(&layer.kind) {
+        let critical = layer.flags & LAYER_CRITICAL != 0;
+        return if critical { Err(FieldError::UnknownLayer(layer.kind)) } else { Ok(()) };
+    }
+    if crc32fast::hash(&bytes[layer.offset as usize..end as usize]) != layer.crc32 {
+        return Err(FieldError::Checksum(Some(layer.kind)));
+    }
+    Ok(())
+}
+
+fn check_same_masks(a: &TileSet<'_>, b: &TileSet<'_>) -> Result<(), FieldError> {
+    let same = (0..a.tiles()).all(|tile| a.record(tile)[..32] == b.record(tile)[..32]);
+    if same { Ok(()) } else { Err(FieldError::Invalid("mask of the indirect sunlight")) }
+}
+
+const _: () = assert!(TILE_RECORD == 64);

@@ -1,0 +1,100 @@
+//! AVX2: 16 patches, or 8 pixels, per step.
+
+use super::{LINEAR_LIMIT, Projection, Reconstruction, SUN_SHIFT};
+use core::arch::x86_64::*;
+
+/// # Safety
+/// AVX2; lengths as `Kernel::project` checks them.
+#[target_feature(enable = "avx2")]
+pub unsafe fn project(job: &Projection<'_>, out: &mut [i32]) {
+    let stride = job.weights.len();
+    for (k, sum) in out.iter_mut().enumerate() {
+        let mut acc = _mm256_setzero_si256();
+        for &block in job.lit_blocks {
+            let at = usize::from(block) * 16;
+            // SAFETY: at + 16 <= stride, and V holds out.len() rows of stride bytes.
+            let (v, w) = unsafe {
+                (
+                    _mm_loadu_si128(job.v.as_ptr().add(k * stride + at).cast()),
+                    _mm256_loadu_si256(job.weights.as_ptr().add(at).cast()),
+                )
+            };
+            acc = _mm256_add_epi32(acc, _mm256_madd_epi16(_mm256_cvtepi8_epi16(v), w));
+        }
+        *sum = horizontal_sum(acc);
+    }
+}
+
+#[target_feature(enable = "avx2")]
+fn horizontal_sum(acc: __m256i) -> i32 {
+    let half = _mm_add_epi32(_mm256_castsi256_si128(acc), _mm256_extracti128_si256::<1>(acc));
+    let half = _mm_add_epi32(half, _mm_shuffle_epi32::<0b01_00_11_10>(half));
+    let half = _mm_add_epi32(half, _mm_shuffle_epi32::<0b10_11_00_01>(half));
+    _mm_cvtsi128_si32(half)
+}
+
+/// # Safety
+/// AVX2; lengths as `Kernel::reconstruct` checks them.
+#[target_feature(enable = "avx2")]
+pub unsafe fn reconstruct(job: &Reconstruction<'_>, out: [&mut [i32]; 3]) {
+    let n = job.pixels;
+    let [out_r, out_g, out_b] = out;
+    let out = [out_r.as_mut_ptr(), out_g.as_mut_ptr(), out_b.as_mut_ptr()];
+    for x in (0..n).step_by(8) {
+        let mut acc = [_mm256_setzero_si256(); 3];
+        for j in 0..job.pairs[0].len() {
+            // SAFETY: (j * n + x) * 2 + 16 <= pairs * n * 2 <= u.len().
+            let u = unsafe { _mm_loadu_si128(job.u.as_ptr().add((j * n + x) * 2).cast()) };
+            let u = _mm256_cvtepi8_epi16(u);
+            for c in 0..3 {
+                // SAFETY: the three slices have the same length.
+                let pair = unsafe { *job.pairs[c].get_unchecked(j) };
+                acc[c] = _mm256_add_epi32(acc[c], _mm256_madd_epi16(u, _mm256_set1_epi32(pair)));
+            }
+        }
+        for c in 0..3 {
+            let at = c * n + x;
+            // SAFETY: rows holds 3 n u16, the sun's plane 3 n u16, each output n i32, and x + 8 <= n.
+            unsafe {
+                let rows = _mm_loadu_si128(job.rows.as_ptr().add(2 * at).cast());
+                let mut value = scale(acc[c], _mm256_cvtepu16_epi32(rows), job.right[c], job.left[c]);
+                if let Some((plane, weight)) = job.sun {
+                    let response = _mm_loadu_si128(plane.as_ptr().add(at).cast());
+                    value = _mm256_add_epi32(value, sun(_mm256_cvtepu16_epi32(response), weight[c]));
+                }
+                _mm256_storeu_si256(out[c].add(x).cast(), value);
+            }
+        }
+    }
+}
+
+/// The scalar path's `scale`: the low 32 bits of `product >> right` are the value, since it fits an i32 for
+/// `right >= 16` (|product| < 2^29 * 2^16) and the bits needed lie below bit 64 for `right <= 32`.
+#[target_feature(enable = "avx2")]
+fn scale(sum: __m256i, row: __m256i, right: u32, left: u32) -> __m256i {
+    let round = _mm256_set1_epi64x(1 << (right - 1));
+    let value = scaled_product::<true>(sum, row, round, right);
+    let limit = LINEAR_LIMIT >> left;
+    let value = _mm256_max_epi32(_mm256_min_epi32(value, _mm256_set1_epi32(limit)), _mm256_set1_epi32(-limit));
+    _mm256_sll_epi32(value, _mm_cvtsi32_si128(left as i32))
+}
+
+#[target_feature(enable = "avx2")]
+fn sun(response: __m256i, weight: u32) -> __m256i {
+    let round = _mm256_set1_epi64x(1 << (SUN_SHIFT - 1));
+    scaled_product::<false>(response, _mm256_set1_epi32(weight as i32), round, SUN_SHIFT)
+}
+
+#[target_feature(enable = "avx2")]
+fn scaled_product<const SIGNED: bool>(a: __m256i, b: __m256i, round: __m256i, right: u32) -> __m256i {
+    let count = _mm_cvtsi32_si128(right as i32);
+    let (a_odd, b_odd) = (_mm256_srli_epi64::<32>(a), _mm256_srli_epi64::<32>(b));
+    let (even, odd) = if SIGNED {
+        (_mm256_mul_epi32(a, b), _mm256_mul_epi32(a_odd, b_odd))
+    } else {
+        (_mm256_mul_epu32(a, b), _mm256_mul_epu32(a_odd, b_odd))
+    };
+    let even = _mm256_srl_epi64(_mm256_add_epi64(even, round), count);
+    let odd = _mm256_srl_epi64(_mm256_add_epi64(odd, round), count);
+    _mm256_blend_epi32::<0b1010_1010>(even, _mm256_slli_epi64::<32>(odd))
+}

@@ -1,0 +1,94 @@
+//! NEON (`smlal`): 16 patches, or 8 pixels, per step. Part of the aarch64 baseline.
+
+use super::{LINEAR_LIMIT, Projection, Reconstruction, SUN_SHIFT};
+use core::arch::aarch64::*;
+
+/// # Safety
+/// Lengths as `Kernel::project` checks them.
+#[target_feature(enable = "neon")]
+pub unsafe fn project(job: &Projection<'_>, out: &mut [i32]) {
+    let stride = job.weights.len();
+    for (k, sum) in out.iter_mut().enumerate() {
+        let mut acc = [vdupq_n_s32(0); 2];
+        for &block in job.lit_blocks {
+            let at = usize::from(block) * 16;
+            // SAFETY: at + 16 <= stride, and V holds out.len() rows of stride bytes.
+            let (v, w) = unsafe {
+                (vld1q_s8(job.v.as_ptr().add(k * stride + at).cast()), vld1q_s16_x2(job.weights.as_ptr().add(at)))
+            };
+            let (low, high) = (vmovl_s8(vget_low_s8(v)), vmovl_high_s8(v));
+            acc[0] = vmlal_s16(acc[0], vget_low_s16(low), vget_low_s16(w.0));
+            acc[1] = vmlal_high_s16(acc[1], low, w.0);
+            acc[0] = vmlal_s16(acc[0], vget_low_s16(high), vget_low_s16(w.1));
+            acc[1] = vmlal_high_s16(acc[1], high, w.1);
+        }
+        *sum = vaddvq_s32(vaddq_s32(acc[0], acc[1]));
+    }
+}
+
+/// # Safety
+/// Lengths as `Kernel::reconstruct` checks them.
+#[target_feature(enable = "neon")]
+pub unsafe fn reconstruct(job: &Reconstruction<'_>, out: [&mut [i32]; 3]) {
+    let n = job.pixels;
+    let [out_r, out_g, out_b] = out;
+    let out = [out_r.as_mut_ptr(), out_g.as_mut_ptr(), out_b.as_mut_ptr()];
+    for x in (0..n).step_by(8) {
+        let mut acc = [[vdupq_n_s32(0); 2]; 3];
+        for j in 0..job.pairs[0].len() {
+            // SAFETY: (j * n + x) * 2 + 16 <= pairs * n * 2 <= u.len().
+            let u = unsafe { vld2_s8(job.u.as_ptr().add((j * n + x) * 2).cast()) };
+            let (even, odd) = (vmovl_s8(u.0), vmovl_s8(u.1));
+            for c in 0..3 {
+                // SAFETY: the three slices have the same length.
+                let pair = unsafe { *job.pairs[c].get_unchecked(j) };
+                let (q_even, q_odd) = (pair as i16, (pair >> 16) as i16);
+                acc[c][0] = vmlal_n_s16(acc[c][0], vget_low_s16(even), q_even);
+                acc[c][1] = vmlal_high_n_s16(acc[c][1], even, q_even);
+                acc[c][0] = vmlal_n_s16(acc[c][0], vget_low_s16(odd), q_odd);
+                acc[c][1] = vmlal_high_n_s16(acc[c][1], odd, q_odd);
+            }
+        }
+        for c in 0..3 {
+            let at = c * n + x;
+            // SAFETY: rows holds 3 n u16, the sun's plane 3 n u16, each output n i32, and x + 8 <= n.
+            unsafe {
+                let rows = vreinterpretq_u16_u8(vld1q_u8(job.rows.as_ptr().add(2 * at)));
+                let rows = [vmovl_u16(vget_low_u16(rows)), vmovl_high_u16(rows)];
+                let mut value = [
+                    scale(acc[c][0], rows[0], job.right[c], job.left[c]),
+                    scale(acc[c][1], rows[1], job.right[c], job.left[c]),
+                ];
+                if let Some((plane, weight)) = job.sun {
+                    let response = vld1q_u16(plane.as_ptr().add(at));
+                    value[0] = vaddq_s32(value[0], sun(vmovl_u16(vget_low_u16(response)), weight[c]));
+                    value[1] = vaddq_s32(value[1], sun(vmovl_high_u16(response), weight[c]));
+                }
+                vst1q_s32(out[c].add(x), value[0]);
+                vst1q_s32(out[c].add(x + 4), value[1]);
+            }
+        }
+    }
+}
+
+/// The scalar path's `scale`: `vrshl` by a negative count is a rounding shift right.
+#[target_feature(enable = "neon")]
+fn scale(sum: int32x4_t, row: uint32x4_t, right: u32, left: u32) -> int32x4_t {
+    let row = vreinterpretq_s32_u32(row);
+    let count = vdupq_n_s64(-i64::from(right));
+    let low = vrshlq_s64(vmull_s32(vget_low_s32(sum), vget_low_s32(row)), count);
+    let high = vrshlq_s64(vmull_high_s32(sum, row), count);
+    let value = vcombine_s32(vmovn_s64(low), vmovn_s64(high));
+    let limit = LINEAR_LIMIT >> left;
+    let value = vmaxq_s32(vminq_s32(value, vdupq_n_s32(limit)), vdupq_n_s32(-limit));
+    vshlq_s32(value, vdupq_n_s32(left as i32))
+}
+
+#[target_feature(enable = "neon")]
+fn sun(response: uint32x4_t, weight: u32) -> int32x4_t {
+    const SHIFT: i32 = SUN_SHIFT as i32;
+    let weight = vdup_n_u32(weight);
+    let low = vrshrn_n_u64::<SHIFT>(vmull_u32(vget_low_u32(response), weight));
+    let high = vrshrn_n_u64::<SHIFT>(vmull_u32(vget_high_u32(response), weight));
+    vreinterpretq_s32_u32(vcombine_u32(low, high))
+}
