@@ -1,0 +1,290 @@
+//! `POST.toml`: what a post shows, where it stands, and where its light comes from.
+//!
+//! Every key is checked: an unknown one is refused with the nearest known name, a value out of range with its range.
+//! Paths are relative to the file's own folder. `POST.toml` in this package documents every key.
+
+mod reader;
+
+pub use reader::ConfigError;
+
+use crate::exposure::{EV_RANGE, ExposureMode};
+use crate::sun::Place;
+use reader::Reader;
+use std::path::{Path, PathBuf};
+
+/// Every key that a post's file may have, dotted.
+pub const KEYS: &[&str] = &[
+    "title",
+    "caption",
+    "field",
+    "view",
+    "sky",
+    "health",
+    "site.latitude",
+    "site.longitude",
+    "site.elevation_m",
+    "site.ground_albedo",
+    "weather.turbidity",
+    "weather.cloud_cover",
+    "weather.seed",
+    "camera.frames",
+    "camera.lens",
+    "camera.response",
+    "camera.radiance_scale",
+    "display.kind",
+    "display.folder",
+    "display.every",
+    "run.start",
+    "run.step_s",
+    "run.speed",
+    "run.interval_s",
+    "run.frames",
+    "run.duration_s",
+    "exposure.mode",
+    "exposure.ev",
+];
+
+/// Where the light comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SkyKind {
+    /// Time and place through a clear-sky model; no camera.
+    Simulated,
+    /// A simulated camera under a simulated sky, exposing real series.
+    Synthetic,
+    /// A folder of frames that were captured before.
+    Replay,
+}
+
+impl SkyKind {
+    const NAMES: [(&'static str, SkyKind); 3] =
+        [("simulated", SkyKind::Simulated), ("synthetic", SkyKind::Synthetic), ("replay", SkyKind::Replay)];
+
+    /// The name in `POST.toml`.
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
+    }
+}
+
+/// Where the post stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Site {
+    /// Latitude and longitude, degrees, north and east positive.
+    pub place: Place,
+    /// Metres above the sea.
+    pub elevation_m: f64,
+    /// Share of light that the ground around throws back, 0 to 1.
+    pub ground_albedo: f64,
+}
+
+/// The weather of a simulated sky.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weather {
+    /// Haze: 1 is pure air, 3 a clear day, 10 thick haze.
+    pub turbidity: f64,
+    /// Share of the sky under cloud, 0 to 1.
+    pub cloud_cover: f64,
+    /// Which clouds.
+    pub seed: u64,
+}
+
+/// The sky camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraConfig {
+    /// Folder of frames to replay, with its `frames.json`.
+    pub frames: Option<PathBuf>,
+    /// Lens file; the built-in lens if none.
+    pub lens: Option<PathBuf>,
+    /// Response curve file; identity if none.
+    pub response: Option<PathBuf>,
+    /// What one unit of the merged radiance is multiplied by.
+    pub radiance_scale: f64,
+}
+
+/// Where pictures go.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DisplayConfig {
+    /// Folder for the pictures of the headless display.
+    pub folder: PathBuf,
+    /// Every how many frames one is written.
+    pub every: u64,
+}
+
+/// Which clock the post lives by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ClockConfig {
+    /// The system's clock, one frame every `interval_s` seconds.
+    System {
+        /// Seconds between frames.
+        interval_s: f64,
+    },
+    /// A clock of its own: frame `n` shows `start_unix_s + n * step_s`.
+    Simulated {
+        /// Time of the first frame, Unix seconds.
+        start_unix_s: f64,
+        /// Seconds from frame to frame.
+        step_s: f64,
+        /// Simulated seconds per real second; `None` runs as fast as it can.
+        speed: Option<f64>,
+    },
+}
+
+/// When the post stops by itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// After this many frames.
+    pub frames: Option<u64>,
+    /// After this many seconds of the post's own clock.
+    pub duration_s: Option<f64>,
+}
+
+/// A checked `POST.toml`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// The file itself.
+    pub file: PathBuf,
+    /// Shown large, top left; empty for none.
+    pub title: String,
+    /// Shown small, under the title; empty for none.
+    pub caption: String,
+    /// The field file.
+    pub field: PathBuf,
+    /// The real picture behind; black if none.
+    pub view: Option<PathBuf>,
+    /// Where the light comes from.
+    pub sky: SkyKind,
+    /// Where the state is written.
+    pub health: PathBuf,
+    /// Where the post stands; every sky but a replayed one needs it.
+    pub site: Option<Site>,
+    /// The weather of a simulated sky.
+    pub weather: Weather,
+    /// The sky camera.
+    pub camera: CameraConfig,
+    /// Where pictures go.
+    pub display: DisplayConfig,
+    /// Which clock the post lives by.
+    pub clock: ClockConfig,
+    /// When the post stops by itself.
+    pub limits: Limits,
+    /// How the exposure is chosen.
+    pub exposure: ExposureMode,
+}
+
+impl Config {
+    /// Reads and checks a post's file; opens none of the files it names.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming file, key, value and what would be right.
+    pub fn load(file: &Path) -> Result<Self, ConfigError> {
+        let r = Reader::open(file, KEYS)?;
+        let missing = |key: &str, what: &str| r.fault(format!("{key} is missing: {what}"));
+        let display = display(&r)?;
+        let config = Config {
+            file: file.to_path_buf(),
+            title: r.text("title", 120)?.unwrap_or_default(),
+            caption: r.text("caption", 400)?.unwrap_or_default(),
+            field: r.path("field")?.ok_or_else(|| missing("field", "name the field file to show"))?,
+            view: r.path("view")?,
+            sky: r
+                .choice("sky", &SkyKind::NAMES)?
+                .ok_or_else(|| missing("sky", "write sky = \"simulated\", \"synthetic\" or \"replay\""))?,
+            health: r.path("health")?.unwrap_or_else(|| display.folder.join("health.json")),
+            site: site(&r)?,
+            weather: Weather {
+                turbidity: r.number("weather.turbidity", 1.0..=10.0)?.unwrap_or(3.0),
+                cloud_cover: r.number("weather.cloud_cover", 0.0..=1.0)?.unwrap_or(0.0),
+                seed: r.whole("weather.seed", 0..=u64::from(u32::MAX))?.unwrap_or(1),
+            },
+            camera: CameraConfig {
+                frames: r.path("camera.frames")?,
+                lens: r.path("camera.lens")?,
+                response: r.path("camera.response")?,
+                radiance_scale: r.number("camera.radiance_scale", 1e-6..=1e6)?.unwrap_or(1.0),
+            },
+            display,
+            clock: clock(&r)?,
+            limits: Limits {
+                frames: r.whole("run.frames", 1..=1_000_000_000)?,
+                duration_s: r.number("run.duration_s", 1e-3..=1e9)?,
+            },
+            exposure: exposure(&r)?,
+        };
+        config.check_sky(&r)?;
+        Ok(config)
+    }
+
+    fn check_sky(&self, r: &Reader) -> Result<(), ConfigError> {
+        let name = self.sky.name();
+        if self.sky != SkyKind::Replay && self.site.is_none() {
+            return Err(r.fault(format!(
+                "sky = \"{name}\" needs the place: add [site] with latitude and longitude in degrees"
+            )));
+        }
+        match (self.sky, &self.camera.frames) {
+            (SkyKind::Replay, None) => Err(r.fault(
+                "sky = \"replay\" needs its frames: add [camera] with frames = \"the folder that holds frames.json\""
+                    .into(),
+            )),
+            (SkyKind::Simulated | SkyKind::Synthetic, Some(_)) => Err(r.fault(format!(
+                "camera.frames is only used with sky = \"replay\", not with sky = \"{name}\"; remove one of them"
+            ))),
+            (SkyKind::Simulated, None) if r.has_table("camera") => {
+                Err(r.fault("sky = \"simulated\" has no camera; remove the table [camera]".into()))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+fn site(r: &Reader) -> Result<Option<Site>, ConfigError> {
+    let latitude_deg = r.number("site.latitude", -90.0..=90.0)?;
+    let longitude_deg = r.number("site.longitude", -180.0..=180.0)?;
+    let elevation_m = r.number("site.elevation_m", -450.0..=9000.0)?.unwrap_or(0.0);
+    let ground_albedo = r.number("site.ground_albedo", 0.0..=1.0)?.unwrap_or(0.2);
+    match (latitude_deg, longitude_deg) {
+        (Some(latitude_deg), Some(longitude_deg)) => {
+            Ok(Some(Site { place: Place { latitude_deg, longitude_deg }, elevation_m, ground_albedo }))
+        }
+        (None, None) if !r.has_table("site") => Ok(None),
+        (None, _) => Err(r.fault("site.latitude is missing: degrees, north positive".into())),
+        (_, None) => Err(r.fault("site.longitude is missing: degrees, east positive".into())),
+    }
+}
+
+fn display(r: &Reader) -> Result<DisplayConfig, ConfigError> {
+    r.choice("display.kind", &[("headless", ())])?
+        .ok_or_else(|| r.fault("display.kind is missing: add [display] with kind = \"headless\"".into()))?;
+    let folder = r.path("display.folder")?;
+    let folder = folder.ok_or_else(|| r.fault("display.folder is missing: name the folder for the pictures".into()))?;
+    Ok(DisplayConfig { folder, every: r.whole("display.every", 1..=1_000_000)?.unwrap_or(1) })
+}
+
+fn clock(r: &Reader) -> Result<ClockConfig, ConfigError> {
+    let start = r.moment("run.start")?;
+    let step_s = r.number("run.step_s", 1e-3..=86_400.0)?;
+    let speed = r.number("run.speed", 1e-3..=1e6)?;
+    let interval_s = r.number("run.interval_s", 1e-3..=3600.0)?;
+    match (start, step_s, speed, interval_s) {
+        (Some(_), _, _, Some(_)) => Err(r.fault(
+            "run.interval_s belongs to the system's clock and run.start sets another; remove one of them".into(),
+        )),
+        (Some(start_unix_s), step_s, speed, None) => {
+            Ok(ClockConfig::Simulated { start_unix_s, step_s: step_s.unwrap_or(60.0), speed })
+        }
+        (None, None, None, interval_s) => Ok(ClockConfig::System { interval_s: interval_s.unwrap_or(1.0) }),
+        (None, ..) => Err(r.fault("run.step_s and run.speed need run.start, the time of the first frame".into())),
+    }
+}
+
+fn exposure(r: &Reader) -> Result<ExposureMode, ConfigError> {
+    let fixed = r.choice("exposure.mode", &[("auto", false), ("fixed", true)])?.unwrap_or(false);
+    match (fixed, r.number("exposure.ev", EV_RANGE)?) {
+        (true, Some(ev)) => Ok(ExposureMode::Fixed(ev)),
+        (false, None) => Ok(ExposureMode::Auto),
+        (true, None) => Err(r.fault("exposure.ev is missing: exposure.mode = \"fixed\" shows radiance x 2^ev".into())),
+        (false, Some(_)) => Err(r.fault("exposure.ev is only used with exposure.mode = \"fixed\"".into())),
+    }
+}
+
+#[cfg(test)]
+mod tests;

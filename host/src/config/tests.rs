@@ -1,0 +1,93 @@
+use super::*;
+
+const LEAST: &str = "field = 'a.field'\nsky = 'simulated'\n[site]\nlatitude = 41.9\nlongitude = 12.5\n\
+                     [display]\nkind = 'headless'\nfolder = 'out'\n";
+
+fn load(text: &str) -> Result<Config, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("POST.toml");
+    std::fs::write(&file, text).unwrap();
+    Config::load(&file).map_err(|e| {
+        let text = e.to_string();
+        assert!(!text.contains('\n'), "{text}");
+        assert!(text.contains("POST.toml: "), "{text}");
+        text
+    })
+}
+
+fn refused(text: &str, parts: &[&str]) {
+    let error = load(text).unwrap_err();
+    assert!(parts.iter().all(|part| error.contains(part)), "{error} lacks one of {parts:?}");
+}
+
+#[test]
+fn the_least_file_has_sensible_defaults() {
+    let config = load(LEAST).unwrap();
+    assert_eq!(config.clock, ClockConfig::System { interval_s: 1.0 });
+    assert_eq!(config.exposure, ExposureMode::Auto);
+    assert!(config.field.is_absolute() && config.field.ends_with("a.field"), "relative to the file");
+    assert!(config.health.ends_with("out/health.json"));
+}
+
+#[test]
+fn unknown_keys_are_refused_with_the_nearest_name() {
+    refused(&LEAST.replace("latitude", "latitute"), &["unknown key site.latitute", "did you mean site.latitude?"]);
+    refused(&format!("titel = 'x'\n{LEAST}"), &["unknown key titel", "did you mean title?"]);
+    // A key in the wrong table is told where it belongs.
+    refused(&format!("turbidity = 3\n{LEAST}"), &["unknown key turbidity", "did you mean weather.turbidity?"]);
+    refused(&format!("{LEAST}[wether]\nx = 1\n"), &["unknown key wether"]);
+    refused(&format!("run = 3\n{LEAST}"), &["run must be a table", "[run]"]);
+}
+
+#[test]
+fn values_out_of_range_name_key_value_and_range() {
+    refused(&LEAST.replace("41.9", "95"), &["site.latitude = 95", "from -90 to 90"]);
+    refused(&LEAST.replace("41.9", "nan"), &["site.latitude = nan", "from -90 to 90"]);
+    refused(&LEAST.replace("41.9", "'north'"), &["site.latitude = \"north\"", "a number"]);
+    refused(&LEAST.replace("'simulated'", "'sumilated'"), &["sky = \"sumilated\"", "\"simulated\", \"synthetic\""]);
+    refused(&format!("{LEAST}[run]\nframes = 0\n"), &["run.frames = 0", "from 1 to"]);
+    refused(&format!("{LEAST}[run]\nframes = -1\n"), &["run.frames = -1"]);
+    refused(&format!("{LEAST}[run]\nstart = 2026-06-21T04:00:00\n"), &["run.start", "offset"]);
+}
+
+#[test]
+fn missing_and_contradicting_keys_are_named() {
+    refused("sky = 'simulated'\n[display]\nkind = 'headless'\nfolder = 'o'\n", &["field is missing"]);
+    refused(&LEAST.replace("latitude = 41.9\n", ""), &["site.latitude is missing"]);
+    refused(&LEAST.replace("simulated", "replay"), &["needs its frames"]);
+    refused(&format!("{LEAST}[camera]\nlens = 'l.json'\n"), &["no camera"]);
+    refused(&format!("{LEAST}[exposure]\nev = 2\n"), &["exposure.ev"]);
+    refused(&format!("{LEAST}[run]\nspeed = 2\n"), &["run.start"]);
+    refused("field = 'a'\nfield = 'b'\n", &["line 2", "not valid TOML"]);
+    let error = Config::load(Path::new("none/POST.toml")).unwrap_err().to_string();
+    assert!(error.starts_with("none/POST.toml: cannot be read"), "{error}");
+}
+
+#[test]
+fn both_forms_of_time_are_taken() {
+    for start in ["2026-06-21T06:00:00+02:00", "'2026-06-21T04:00:00Z'"] {
+        let config = load(&format!("{LEAST}[run]\nstart = {start}\nstep_s = 600\n")).unwrap();
+        let start_unix_s = 1_782_014_400.0;
+        assert_eq!(config.clock, ClockConfig::Simulated { start_unix_s, step_s: 600.0, speed: None });
+    }
+}
+
+#[test]
+fn the_documented_example_parses_and_shows_every_key() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("POST.toml");
+    Config::load(&file).unwrap();
+    let text = std::fs::read_to_string(&file).unwrap();
+    let mut table = String::new();
+    let mut shown = Vec::new();
+    for line in text.lines() {
+        let line = line.trim_start_matches('#').trim();
+        if let Some(name) = line.strip_prefix('[').and_then(|l| l.split(']').next()) {
+            table = format!("{name}.");
+        } else if let Some((key, _)) = line.split_once(" = ") {
+            shown.push(format!("{table}{key}"));
+        }
+    }
+    for key in KEYS {
+        assert!(shown.iter().any(|s| s == key), "{key} is not documented in POST.toml");
+    }
+}
