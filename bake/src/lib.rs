@@ -2,6 +2,7 @@
 mod accessor;
 pub mod camera;
 pub mod demo_scene;
+pub mod environment;
 pub mod fragments;
 pub mod geometry;
 mod gltf_file;
@@ -12,3 +13,6 @@ mod strata;
 pub mod sun;
 pub mod texture;
 pub mod viewpoint;
+pub mod cutout;
+pub mod progress;
+pub mod stack;
