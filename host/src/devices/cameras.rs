@@ -1,0 +1,71 @@
+//! V4L2 capture nodes.
+
+use super::{CaptureNode, advice};
+use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use v4l::framesize::FrameSizeEnum;
+use v4l::video::Capture;
+
+const CLASS: &str = "/sys/class/video4linux";
+
+pub(super) fn list() -> Vec<CaptureNode> {
+    let entries = fs::read_dir(CLASS).into_iter().flatten().flatten();
+    let mut nodes: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|node| is_first(node)).collect();
+    nodes.sort_by_key(|node| number(node));
+    nodes.iter().filter_map(|node| describe(node)).collect()
+}
+
+fn number(node: &Path) -> Option<u32> {
+    node.file_name()?.to_str()?.strip_prefix("video")?.parse().ok()
+}
+
+/// A USB camera makes two nodes, pictures and metadata; the pictures' one has index 0.
+fn is_first(node: &Path) -> bool {
+    number(node).is_some() && fs::read_to_string(node.join("index")).is_ok_and(|text| text.trim() == "0")
+}
+
+/// `None` for nodes that capture nothing (outputs, decoders).
+fn describe(node: &Path) -> Option<CaptureNode> {
+    let path = Path::new("/dev").join(node.file_name()?);
+    let name = fs::read_to_string(node.join("name")).unwrap_or_default().trim().to_string();
+    let driver = fs::canonicalize(node.join("device/driver")).ok();
+    let driver = driver.and_then(|d| Some(d.file_name()?.to_string_lossy().into_owned()));
+    let driver = driver.unwrap_or_else(|| "unknown driver".into());
+    let found =
+        |formats, problem| Some(CaptureNode { path: path.display().to_string(), name, driver, formats, problem });
+    let device = match v4l::Device::with_path(&path) {
+        Ok(device) => device,
+        Err(error) => return found(Vec::new(), Some(advice(&path, &error))),
+    };
+    // The v4l crate panics on driver strings that are not UTF-8; a listing must survive them.
+    match catch_unwind(AssertUnwindSafe(|| formats(&device))) {
+        Ok(Some(formats)) => found(formats, None),
+        Ok(None) => None,
+        Err(_) => found(Vec::new(), Some(format!("{} gives names that are not text", path.display()))),
+    }
+}
+
+fn formats(device: &v4l::Device) -> Option<Vec<String>> {
+    use v4l::capability::Flags;
+    let flags = device.query_caps().ok()?.capabilities;
+    if !flags.intersects(Flags::VIDEO_CAPTURE | Flags::VIDEO_CAPTURE_MPLANE) {
+        return None;
+    }
+    let formats = device.enum_formats().unwrap_or_default();
+    Some(formats.iter().map(|format| format!("{} {}", format.fourcc, sizes(device, format.fourcc))).collect())
+}
+
+fn sizes(device: &v4l::Device, fourcc: v4l::FourCC) -> String {
+    let sizes = device.enum_framesizes(fourcc).unwrap_or_default();
+    let text: Vec<String> = sizes
+        .iter()
+        .map(|size| match &size.size {
+            FrameSizeEnum::Discrete(d) => format!("{}x{}", d.width, d.height),
+            FrameSizeEnum::Stepwise(s) => {
+                format!("{}x{}..{}x{}", s.min_width, s.min_height, s.max_width, s.max_height)
+            }
+        })
+        .collect();
+    text.join(" ")
+}

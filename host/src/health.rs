@@ -1,0 +1,68 @@
+//! The post's state, for people far away: one small JSON file that is always whole.
+
+use crate::outfile::{OutError, write_whole};
+use crate::sky_source::SunSource;
+use serde::Serialize;
+use std::io::Write;
+use std::path::Path;
+
+/// Where the weights in use come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WeightsState {
+    /// Fresh from the sky.
+    Fresh,
+    /// The sky source fails; the last good weights are held.
+    Held,
+    /// No good weights yet: an even sky stands in.
+    StandIn,
+}
+
+/// The state of a post.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Health {
+    /// `ok`, or what is not, in a few words.
+    pub state: String,
+    /// Frames shown since the start.
+    pub frames: u64,
+    /// The post's time, RFC 3339, UTC.
+    pub time_utc: String,
+    /// Which clock: `system`, `simulated`, or `not trusted`.
+    pub clock: &'static str,
+    /// Where the light comes from, as in the post's file.
+    pub sky: &'static str,
+    /// Where the weights in use come from.
+    pub weights: WeightsState,
+    /// Seconds since the weights in use were measured, by the post's clock.
+    pub weights_age_s: f64,
+    /// How the sun is known.
+    pub sun: SunSource,
+    /// Where the sun stands, azimuth and altitude in degrees, when there is one.
+    pub sun_azimuth_altitude_deg: Option<[f64; 2]>,
+    /// Exposure, as EV: radiance x 2^ev.
+    pub exposure_ev: f64,
+    /// Times the sky source failed since the start.
+    pub sky_faults: u64,
+    /// The newest fault, in one line.
+    pub last_fault: Option<String>,
+    /// Something that is not a fault but should be known, such as a sun outside the field's band.
+    pub note: Option<String>,
+}
+
+impl Health {
+    /// Writes the state; a reader sees the old or the new one, never a part.
+    ///
+    /// # Errors
+    /// [`OutError`] when the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), OutError> {
+        write_whole(path, |out| {
+            serde_json::to_writer_pretty(&mut *out, self)?;
+            out.write_all(b"\n")
+        })
+    }
+
+    /// True when someone watching would want to know at once that `other` came after `self`.
+    pub fn differs(&self, other: &Health) -> bool {
+        (&self.state, self.weights, self.sun, self.clock) != (&other.state, other.weights, other.sun, other.clock)
+    }
+}

@@ -1,0 +1,34 @@
+//! Weights into the picture shown: what the loop needs from a field, and nothing else.
+
+use crate::weights::PatchWeights;
+use relume_firmware::patches::PatchSet;
+
+/// Turns weights into the picture shown.
+pub trait Painter {
+    /// Width and height in pixels.
+    fn size(&self) -> (usize, usize);
+
+    /// The patches that weights must be given for.
+    fn patch_set(&self) -> PatchSet;
+
+    /// Where north lies, degrees from -Z towards +X.
+    fn north_deg(&self) -> f64;
+
+    /// Takes new weights and an exposure factor; returns what should be known, such as a sun moved into the site's band.
+    ///
+    /// # Errors
+    /// When the weights do not fit; the picture stays as it was.
+    fn relight(&mut self, weights: &PatchWeights, exposure: f32) -> anyhow::Result<Option<String>>;
+
+    /// The exposure that the picture of the newest weights asks for; `None` in the dark.
+    fn wanted_exposure(&mut self) -> Option<f64>;
+
+    /// Draws what changed; returns true when any pixel may have changed.
+    ///
+    /// # Errors
+    /// When drawing is not possible at all.
+    fn draw(&mut self) -> anyhow::Result<bool>;
+
+    /// The whole picture, `0x00RRGGBB`, as last drawn.
+    fn pixels_bgrx(&self) -> &[u32];
+}

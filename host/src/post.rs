@@ -1,0 +1,276 @@
+//! The loop of a post: sky -> weights -> picture -> display, and nothing of it may stop the picture but the display.
+
+use crate::clock::{Moment, PostClock};
+use crate::config::{Config, Limits};
+use crate::display::{Display, Frame};
+use crate::exposure::ExposureControl;
+use crate::failure::{Failure, OrFail};
+use crate::health::{Health, WeightsState};
+use crate::painter::Painter;
+use crate::sky_source::{SkyFault, SkyReading, SkySource, SunSource};
+use crate::sun::{format_utc, position_of};
+use crate::weights::PatchWeights;
+use embedded_graphics::geometry::Size;
+use relume_firmware::overlay;
+use relume_firmware::surface::Surface;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How often the state is written when nothing in it changes.
+const HEALTH_INTERVAL: Duration = Duration::from_secs(1);
+
+/// What a post did, when it has ended.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PostReport {
+    /// Frames shown.
+    pub frames: u64,
+    /// Frames in which anything was drawn anew.
+    pub frames_changed: u64,
+    /// Times the exposure changed.
+    pub exposure_changes: u64,
+    /// Times the sky source failed.
+    pub sky_faults: u64,
+    /// Why it ended: `frames`, `duration`, `replay ended`, or `told to stop`.
+    pub ended: &'static str,
+    /// The state at the end.
+    pub health: Health,
+}
+
+/// The parts a post is made of.
+pub struct Parts<'p> {
+    /// Where the light comes from.
+    pub sky: Box<dyn SkySource + 'p>,
+    /// Turns weights into the picture.
+    pub painter: Box<dyn Painter + 'p>,
+    /// Where the picture goes.
+    pub display: Box<dyn Display + 'p>,
+    /// Which time it is.
+    pub clock: PostClock,
+}
+
+/// A running post.
+pub struct Post<'p> {
+    parts: Parts<'p>,
+    exposure: ExposureControl,
+    limits: Limits,
+    words: String,
+    shown: Vec<u32>,
+    held: SkyReading,
+    held_since_unix_s: Option<f64>,
+    weights: WeightsState,
+    health_file: PathBuf,
+    told: Option<Health>,
+    told_at: Instant,
+    last_fault: Option<String>,
+    note: Option<String>,
+    sky_name: &'static str,
+    frames: u64,
+    frames_changed: u64,
+    exposure_changes: u64,
+    sky_faults: u64,
+}
+
+/// An even sky of radiance 1: what stands in until there is a first measurement.
+fn even_sky(patches: usize) -> SkyReading {
+    SkyReading { weights: PatchWeights { radiance: vec![[1.0; 3]; patches], sun: None }, sun: SunSource::None }
+}
+
+impl<'p> Post<'p> {
+    /// Puts a post together; nothing is shown yet.
+    pub fn new(config: &Config, parts: Parts<'p>) -> Self {
+        let words = [config.title.as_str(), config.caption.as_str()];
+        let words: Vec<&str> = words.into_iter().filter(|text| !text.is_empty()).collect();
+        Post {
+            exposure: ExposureControl::new(config.exposure),
+            limits: config.limits,
+            words: words.join(" - "),
+            shown: Vec::new(),
+            held: even_sky(parts.painter.patch_set().len()),
+            held_since_unix_s: None,
+            weights: WeightsState::StandIn,
+            health_file: config.health.clone(),
+            told: None,
+            told_at: Instant::now(),
+            last_fault: None,
+            note: None,
+            sky_name: config.sky.name(),
+            frames: 0,
+            frames_changed: 0,
+            exposure_changes: 0,
+            sky_faults: 0,
+            parts,
+        }
+    }
+
+    /// Runs until a limit is reached, the sky source has ended, or `stop` is set.
+    ///
+    /// # Errors
+    /// When the display or the painter fails for good; a failing sky only shows in the state.
+    pub fn run(mut self, stop: &AtomicBool) -> Result<PostReport, Failure> {
+        let first = self.parts.clock.now(0).unix_s;
+        let (ended, moment) = loop {
+            let moment = self.parts.clock.now(self.frames);
+            if let Some(why) = self.is_over(moment.unix_s - first, stop) {
+                break (why, moment);
+            }
+            let has_ended = self.look(moment);
+            if has_ended && self.frames > 0 {
+                break ("replay ended", moment);
+            }
+            self.show()?;
+            self.tell(moment, false);
+            self.parts.clock.wait_for(self.frames, stop);
+        };
+        self.tell(moment, true);
+        Ok(PostReport {
+            frames: self.frames,
+            frames_changed: self.frames_changed,
+            exposure_changes: self.exposure_changes,
+            sky_faults: self.sky_faults,
+            ended,
+            health: self.health(moment),
+        })
+    }
+
+    fn is_over(&self, elapsed_s: f64, stop: &AtomicBool) -> Option<&'static str> {
+        if stop.load(Ordering::Relaxed) {
+            return Some("told to stop");
+        }
+        if self.limits.frames.is_some_and(|most| self.frames >= most) {
+            return Some("frames");
+        }
+        self.limits.duration_s.is_some_and(|most| elapsed_s >= most).then_some("duration")
+    }
+
+    /// Asks the sky for new weights and keeps the old ones if there are none. True when there will be no more.
+    fn look(&mut self, moment: Moment) -> bool {
+        match self.parts.sky.read(moment.unix_s) {
+            Ok(mut reading) => {
+                if !moment.trusted {
+                    reading.weights.sun = None;
+                    reading.sun = SunSource::None;
+                }
+                self.held = reading;
+                self.held_since_unix_s = Some(moment.unix_s);
+                self.weights = WeightsState::Fresh;
+            }
+            Err(SkyFault::Ended) => return true,
+            Err(SkyFault::Failed(reason)) => {
+                self.sky_faults += 1;
+                self.last_fault = Some(reason);
+                if self.weights == WeightsState::Fresh {
+                    self.weights = WeightsState::Held;
+                }
+            }
+        }
+        false
+    }
+
+    /// Relights, draws and presents one frame.
+    fn show(&mut self) -> Result<(), Failure> {
+        self.relight();
+        let changed = self.parts.painter.draw().or_runtime()?;
+        let (width, height) = self.parts.painter.size();
+        if changed || self.frames == 0 {
+            self.frames_changed += 1;
+            self.shown.clear();
+            self.shown.extend_from_slice(self.parts.painter.pixels_bgrx());
+            caption(&mut self.shown, width, height, &self.words)?;
+        }
+        let frame = Frame { width, height, pixels_bgrx: &self.shown, number: self.frames, changed };
+        self.parts.display.present(&frame)?;
+        self.frames += 1;
+        Ok(())
+    }
+
+    /// New weights to the painter; a second time where they ask for another exposure. Weights that do not fit are a
+    /// fault of the sky: the picture stays.
+    fn relight(&mut self) {
+        for _ in 0..2 {
+            match self.parts.painter.relight(&self.held.weights, self.exposure.factor()) {
+                Ok(note) => self.note = note,
+                Err(error) => {
+                    self.sky_faults += 1;
+                    self.last_fault = Some(Failure::Runtime(error).to_string());
+                    self.weights = WeightsState::Held;
+                    return;
+                }
+            }
+            if !self.exposure.is_auto() {
+                return;
+            }
+            let wanted = self.parts.painter.wanted_exposure();
+            if !self.exposure.see(wanted) {
+                return;
+            }
+            self.exposure_changes += 1;
+        }
+    }
+
+    /// Writes the state when it changed, from time to time, and at the end. A full disk must not stop the picture.
+    fn tell(&mut self, moment: Moment, last: bool) {
+        let health = self.health(moment);
+        let changed = self.told.as_ref().is_none_or(|told| told.differs(&health));
+        if !changed && !last && self.told_at.elapsed() < HEALTH_INTERVAL {
+            return;
+        }
+        if changed {
+            eprintln!("{} {}", health.time_utc, health.state);
+        }
+        if let Err(error) = health.write(&self.health_file)
+            && changed
+        {
+            eprintln!("{error}");
+        }
+        self.told = Some(health);
+        self.told_at = Instant::now();
+    }
+
+    fn health(&self, moment: Moment) -> Health {
+        let sun = self.held.weights.sun;
+        let position = sun.map(|sun| position_of(sun.dir_world, self.parts.painter.north_deg()));
+        Health {
+            state: self.state(moment),
+            frames: self.frames,
+            time_utc: format_utc(moment.unix_s),
+            clock: self.parts.clock.state(moment),
+            sky: self.sky_name,
+            weights: self.weights,
+            weights_age_s: self.held_since_unix_s.map_or(0.0, |since| moment.unix_s - since),
+            sun: self.held.sun,
+            sun_azimuth_altitude_deg: position.map(|p| [p.azimuth_deg, p.altitude_deg]),
+            exposure_ev: self.exposure.ev(),
+            sky_faults: self.sky_faults,
+            last_fault: self.last_fault.clone(),
+            note: self.note.clone(),
+        }
+    }
+
+    fn state(&self, moment: Moment) -> String {
+        let fault = self.last_fault.as_deref().unwrap_or("it gave nothing yet");
+        let mut parts = Vec::new();
+        match self.weights {
+            WeightsState::Fresh => {}
+            WeightsState::Held => parts.push(format!("sky fails, last weights held: {fault}")),
+            WeightsState::StandIn => parts.push(format!("no sky yet, an even one stands in: {fault}")),
+        }
+        if !moment.trusted {
+            parts.push("clock not trusted, no sun shown".to_string());
+        }
+        if parts.is_empty() { "ok".into() } else { parts.join("; ") }
+    }
+}
+
+fn caption(pixels: &mut [u32], width: usize, height: usize, words: &str) -> Result<(), Failure> {
+    if words.is_empty() || overlay::caption_area(Size::new(width as u32, height as u32)).size.height == 0 {
+        return Ok(());
+    }
+    let mut surface = Surface::new(pixels, width, height, width).or_runtime()?;
+    overlay::caption(&mut surface, words);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

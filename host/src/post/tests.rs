@@ -1,0 +1,149 @@
+use super::*;
+use crate::config::ClockConfig;
+use crate::display::DisplayError;
+use relume_firmware::patches::PatchSet;
+use std::cell::RefCell;
+use std::rc::Rc;
+
+const START: f64 = 1_782_000_000.0;
+
+/// One pixel that shows the first patch's radiance times exposure, as a code.
+struct Pixel {
+    pixels: Vec<u32>,
+    brightness: f32,
+    drawn: u32,
+}
+
+impl Painter for Pixel {
+    fn size(&self) -> (usize, usize) {
+        (1, 1)
+    }
+    fn patch_set(&self) -> PatchSet {
+        PatchSet::new(16).unwrap()
+    }
+    fn north_deg(&self) -> f64 {
+        0.0
+    }
+    fn relight(&mut self, weights: &PatchWeights, exposure: f32) -> anyhow::Result<Option<String>> {
+        anyhow::ensure!(weights.radiance[0][0].is_finite(), "weights are not finite");
+        self.brightness = weights.radiance[0][0];
+        self.drawn = (self.brightness * exposure * 100.0).round() as u32;
+        Ok(None)
+    }
+    fn wanted_exposure(&mut self) -> Option<f64> {
+        (self.brightness > 0.0).then(|| 0.8 / f64::from(self.brightness))
+    }
+    fn draw(&mut self) -> anyhow::Result<bool> {
+        let changed = self.pixels[0] != self.drawn;
+        self.pixels[0] = self.drawn;
+        Ok(changed)
+    }
+    fn pixels_bgrx(&self) -> &[u32] {
+        &self.pixels
+    }
+}
+
+/// Radiances to give, frame by frame; `None` fails.
+struct Script(Vec<Option<f32>>, usize);
+
+impl SkySource for Script {
+    fn read(&mut self, _unix_s: f64) -> Result<SkyReading, SkyFault> {
+        let step = self.0.get(self.1).ok_or(SkyFault::Ended)?;
+        self.1 += 1;
+        let radiance = step.ok_or_else(|| SkyFault::Failed("camera unplugged".into()))?;
+        let weights = PatchWeights { radiance: vec![[radiance; 3]; 17], sun: None };
+        Ok(SkyReading { weights, sun: SunSource::None })
+    }
+}
+
+struct Seen(Rc<RefCell<Vec<u32>>>, bool);
+
+impl Display for Seen {
+    fn size(&self) -> (usize, usize) {
+        (1, 1)
+    }
+    fn present(&mut self, frame: &Frame<'_>) -> Result<(), DisplayError> {
+        if self.1 {
+            return Err(DisplayError::Size { frame: (1, 1), display: (2, 2) });
+        }
+        self.0.borrow_mut().push(frame.pixels_bgrx[0]);
+        Ok(())
+    }
+}
+
+fn run(extra: &str, script: &[Option<f32>], broken: bool) -> (Result<PostReport, Failure>, Vec<u32>, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("POST.toml");
+    let text = format!(
+        "field = 'a'\nsky = 'replay'\n[camera]\nframes = 'f'\n[display]\nkind = 'headless'\nfolder = '.'\n{extra}"
+    );
+    std::fs::write(&file, text).unwrap();
+    let config = Config::load(&file).unwrap();
+    let seen = Rc::new(RefCell::new(Vec::new()));
+    let parts = Parts {
+        sky: Box::new(Script(script.to_vec(), 0)),
+        painter: Box::new(Pixel { pixels: vec![0], brightness: 0.0, drawn: 0 }),
+        display: Box::new(Seen(seen.clone(), broken)),
+        clock: PostClock::start(ClockConfig::Simulated { start_unix_s: START, step_s: 60.0, speed: None }, None),
+    };
+    let report = Post::new(&config, parts).run(&AtomicBool::new(false));
+    let health = std::fs::read_to_string(&config.health).unwrap_or_default();
+    let seen = seen.borrow().clone();
+    (report, seen, health)
+}
+
+const FIXED: &str = "[exposure]\nmode = 'fixed'\nev = 0\n";
+
+#[test]
+fn a_failing_sky_holds_the_last_weights_and_says_so() {
+    let (report, seen, _) = run(FIXED, &[Some(0.5), None, None, Some(0.7)], false);
+    let report = report.unwrap();
+    assert_eq!(seen, [50, 50, 50, 70]);
+    assert_eq!((report.frames, report.frames_changed, report.sky_faults), (4, 2, 2));
+    assert_eq!((report.ended, report.health.weights), ("replay ended", WeightsState::Fresh));
+
+    let (report, seen, health) = run(FIXED, &[Some(0.5), None], false);
+    assert_eq!(seen, [50, 50]);
+    assert_eq!(report.unwrap().health.weights, WeightsState::Held);
+    let health: serde_json::Value = serde_json::from_str(&health).unwrap();
+    assert_eq!(health["weights"], "held");
+    assert!(health["state"].as_str().unwrap().contains("camera unplugged"), "{health}");
+}
+
+#[test]
+fn a_sky_that_never_came_is_stood_in_for() {
+    let (report, seen, _) = run(FIXED, &[None, None], false);
+    assert_eq!(seen, [100, 100], "an even sky of radiance 1");
+    assert_eq!(report.unwrap().health.weights, WeightsState::StandIn);
+}
+
+#[test]
+fn weights_that_do_not_fit_leave_the_picture() {
+    let (report, seen, _) = run(FIXED, &[Some(0.5), Some(f32::NAN), Some(0.6)], false);
+    assert_eq!(seen, [50, 50, 60]);
+    assert_eq!(report.unwrap().sky_faults, 1);
+}
+
+#[test]
+fn exposure_follows_the_light_within_half_a_stop() {
+    let script: Vec<Option<f32>> = (0..40).map(|i| Some(2f32.powf(i as f32 * 0.25 - 5.0))).collect();
+    let (report, seen, _) = run("", &script, false);
+    let (dark, bright) = (80.0 * 2f64.powf(-0.5) - 1.0, 80.0 * 2f64.powf(0.5) + 1.0);
+    assert!(seen.iter().all(|&code| (dark..bright).contains(&f64::from(code))), "{seen:?}");
+    let changes = report.unwrap().exposure_changes;
+    assert!((10..=20).contains(&changes), "{changes} changes over ten stops");
+}
+
+#[test]
+fn limits_end_the_post() {
+    let script = vec![Some(1.0); 100];
+    let (report, seen, _) = run("[run]\nframes = 7\n", &script, false);
+    assert_eq!((report.unwrap().ended, seen.len()), ("frames", 7));
+    let (report, seen, _) = run("[run]\nduration_s = 600\n", &script, false);
+    assert_eq!((report.unwrap().ended, seen.len()), ("duration", 10));
+}
+
+#[test]
+fn a_broken_display_ends_the_post() {
+    assert!(run("", &[Some(1.0)], true).0.is_err());
+}
