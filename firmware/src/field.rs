@@ -272,7 +272,7 @@ impl Header {
             north_deg: f32_at(b, 88),
         };
         let finite = (48..92).step_by(4).all(|at| f32_at(b, at).is_finite());
-        if !finite || !(camera.fov_y_deg > 0.0 && camera.fov_y_deg < 180.0) {
+        if !(finite && camera.fov_y_deg > 0.0 && camera.fov_y_deg < 180.0) {
             return Err(FieldError::Invalid("camera"));
         }
         let site = [f32_at(b, 96), f32_at(b, 100)];
@@ -470,7 +470,7 @@ fn check_header(bytes: &[u8]) -> Result<Header, FieldError> {
 
 fn check_layer(bytes: &[u8], layer: &Layer) -> Result<(), FieldError> {
     let end = layer.offset.checked_add(layer.length).filter(|&end| end <= bytes.len() as u64);
-    let Some(end) = end.filter(|_| layer.offset % LAYER_ALIGN as u64 == 0) else {
+    let Some(end) = end.filter(|_| layer.offset.is_multiple_of(LAYER_ALIGN as u64)) else {
         return Err(FieldError::Invalid("layer table"));
     };
     if !KNOWN_LAYERS.contains(&layer.kind) {

@@ -93,7 +93,7 @@ impl Kernel {
     /// If the slices' lengths contradict each other.
     pub fn project(self, job: &Projection<'_>, out: &mut [i32]) {
         let stride = job.weights.len();
-        assert!(stride % 16 == 0 && job.v.len() >= out.len() * stride);
+        assert!(stride.is_multiple_of(16) && job.v.len() >= out.len() * stride);
         assert!(job.lit_blocks.iter().all(|&block| usize::from(block) * 16 < stride));
         match self.0 {
             Path::Scalar => scalar::project(job, out),
@@ -115,7 +115,7 @@ impl Kernel {
     pub fn reconstruct(self, job: &Reconstruction<'_>, out: [&mut [i32]; 3]) {
         let n = job.pixels;
         let pairs = job.pairs[0].len();
-        assert!(n % 16 == 0 && job.u.len() >= pairs * n * 2 && job.rows.len() == 6 * n);
+        assert!(n.is_multiple_of(16) && job.u.len() >= pairs * n * 2 && job.rows.len() == 6 * n);
         assert!(job.pairs.iter().all(|p| p.len() == pairs) && out.iter().all(|o| o.len() == n));
         assert!(job.right.iter().all(|r| (16..=32).contains(r)) && job.left.iter().all(|&l| l <= 30));
         assert!(job.sun.is_none_or(|(plane, _)| plane.len() == 3 * n));

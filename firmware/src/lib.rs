@@ -1,10 +1,12 @@
 //! Relume's per-pixel core: weights -> tile coefficients -> linear pixels -> composited surface.
 //!
 //! `no_std`, no allocation, no operating system. The host program and the C interface lend it bytes and buffers.
-#![cfg_attr(not(test), no_std)]
+#![cfg_attr(not(any(test, feature = "std")), no_std)]
 
 pub mod composite;
 pub mod field;
+#[cfg(feature = "std")]
+pub mod glue;
 pub mod interpolate;
 pub mod kernel;
 pub mod overlay;

@@ -125,7 +125,8 @@ impl FixedWeights {
         }
         if let Some(sun) = sun {
             let length_sq: f32 = sun.dir_world.iter().map(|c| c * c).sum();
-            if !sun.irradiance.iter().all(|&e| good(e)) || !((length_sq - 1.0).abs() < 1e-3) {
+            let unit = (length_sq - 1.0).abs() < 1e-3;
+            if !(unit && sun.irradiance.iter().all(|&e| good(e))) {
                 return Err(WeightError::Sun);
             }
         }

@@ -46,10 +46,10 @@ pub unsafe fn reconstruct(job: &Reconstruction<'_>, out: [&mut [i32]; 3]) {
             // SAFETY: (j * n + x) * 2 + 16 <= pairs * n * 2 <= u.len().
             let u = unsafe { _mm_loadu_si128(job.u.as_ptr().add((j * n + x) * 2).cast()) };
             let u = _mm256_cvtepi8_epi16(u);
-            for c in 0..3 {
+            for (acc, pairs) in acc.iter_mut().zip(&job.pairs) {
                 // SAFETY: the three slices have the same length.
-                let pair = unsafe { *job.pairs[c].get_unchecked(j) };
-                acc[c] = _mm256_add_epi32(acc[c], _mm256_madd_epi16(u, _mm256_set1_epi32(pair)));
+                let pair = unsafe { *pairs.get_unchecked(j) };
+                *acc = _mm256_add_epi32(*acc, _mm256_madd_epi16(u, _mm256_set1_epi32(pair)));
             }
         }
         for c in 0..3 {

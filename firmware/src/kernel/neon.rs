@@ -39,14 +39,14 @@ pub unsafe fn reconstruct(job: &Reconstruction<'_>, out: [&mut [i32]; 3]) {
             // SAFETY: (j * n + x) * 2 + 16 <= pairs * n * 2 <= u.len().
             let u = unsafe { vld2_s8(job.u.as_ptr().add((j * n + x) * 2).cast()) };
             let (even, odd) = (vmovl_s8(u.0), vmovl_s8(u.1));
-            for c in 0..3 {
+            for (acc, pairs) in acc.iter_mut().zip(&job.pairs) {
                 // SAFETY: the three slices have the same length.
-                let pair = unsafe { *job.pairs[c].get_unchecked(j) };
+                let pair = unsafe { *pairs.get_unchecked(j) };
                 let (q_even, q_odd) = (pair as i16, (pair >> 16) as i16);
-                acc[c][0] = vmlal_n_s16(acc[c][0], vget_low_s16(even), q_even);
-                acc[c][1] = vmlal_high_n_s16(acc[c][1], even, q_even);
-                acc[c][0] = vmlal_n_s16(acc[c][0], vget_low_s16(odd), q_odd);
-                acc[c][1] = vmlal_high_n_s16(acc[c][1], odd, q_odd);
+                acc[0] = vmlal_n_s16(acc[0], vget_low_s16(even), q_even);
+                acc[1] = vmlal_high_n_s16(acc[1], even, q_even);
+                acc[0] = vmlal_n_s16(acc[0], vget_low_s16(odd), q_odd);
+                acc[1] = vmlal_high_n_s16(acc[1], odd, q_odd);
             }
         }
         for c in 0..3 {

@@ -32,7 +32,7 @@ fn signed(fill: Fill, random: &mut Random, at: usize, largest: i32) -> i32 {
         Fill::Random => random.below(2 * largest as u64 + 1) as i32 - largest,
         Fill::Largest => largest,
         Fill::Alternating => {
-            if at % 2 == 0 {
+            if at.is_multiple_of(2) {
                 largest
             } else {
                 -largest

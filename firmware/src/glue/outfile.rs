@@ -1,6 +1,6 @@
 //! Files that appear whole or not at all: written beside their place, then renamed into it.
 
-use crate::failure::Failure;
+use super::failure::Failure;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::PermissionsExt;

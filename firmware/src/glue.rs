@@ -1,0 +1,4 @@
+//! What both command-line tools need of an operating system (feature `std`).
+
+pub mod failure;
+pub mod outfile;
