@@ -21,3 +21,7 @@ pub mod clouds;
 pub mod lens;
 pub use relume_firmware::glue::{failure, outfile};
 pub mod camera;
+pub mod response;
+pub mod bracket;
+pub mod capture;
+pub mod smooth;

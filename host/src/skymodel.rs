@@ -230,23 +230,28 @@ fn horizontal_irradiance(radiance: impl Fn([f32; 3]) -> [f32; 3]) -> [f32; 3] {
     sum
 }
 
-/// Adds the sun's disc to a map; pixels share it by the area of the disc they hold.
-pub fn paint_disc(map: &mut RadianceMap, sun: &SunWeight) {
+/// `count` unit directions spread evenly over the sun's disc around a unit direction.
+pub fn disc_directions(axis: [f32; 3], count: u32) -> impl Iterator<Item = [f64; 3]> {
     let radius = (0.5 * SUN_DIAMETER_DEG).to_radians();
-    let axis = sun.dir_world.map(f64::from);
-    // Two unit vectors that span the disc.
-    let seed = if axis[1].abs() < 0.9 { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] };
     let cross =
         |a: [f64; 3], b: [f64; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
     let unit = |v: [f64; 3]| v.map(|c| c / v.iter().map(|c| c * c).sum::<f64>().sqrt());
+    let axis = unit(axis.map(f64::from));
+    // Two unit vectors that span the disc, and spiral points in it.
+    let seed = if axis[1].abs() < 0.9 { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] };
     let right = unit(cross(seed, axis));
     let up = cross(axis, right);
-    let count = 4096;
-    for i in 0..count {
-        // Spiral points, uniform over the disc.
+    (0..count).map(move |i| {
         let r = radius * ((f64::from(i) + 0.5) / f64::from(count)).sqrt();
         let (sin, cos) = (f64::from(i) * 2.399_963_229_728_653).sin_cos();
-        let dir = unit(std::array::from_fn(|k| axis[k] + r * (right[k] * cos + up[k] * sin)));
+        unit(std::array::from_fn(|k| axis[k] + r * (right[k] * cos + up[k] * sin)))
+    })
+}
+
+/// Adds the sun's disc to a map; pixels share it by the area of the disc they hold.
+pub fn paint_disc(map: &mut RadianceMap, sun: &SunWeight) {
+    let count = 4096;
+    for dir in disc_directions(sun.dir_world, count) {
         let (col, row) = map.pixel_of(dir.map(|c| c as f32));
         let scale = 1.0 / (map.solid_angle_sr(row) * f64::from(count));
         let pixel = &mut map.pixels[row * map.width + col];

@@ -7,9 +7,8 @@
 use super::{Camera, CameraError, CameraLimits, Exposure, Frame};
 use crate::lens::Lens;
 use crate::map::RadianceMap;
-use crate::skymodel::{Atmosphere, SkyModel};
+use crate::skymodel::{Atmosphere, SkyModel, disc_directions};
 use crate::sun::{Place, SunPosition};
-use crate::weights::{SUN_DIAMETER_DEG, sun_solid_angle_sr};
 use std::collections::VecDeque;
 
 const MAP_HEIGHT: usize = 128;
@@ -222,24 +221,25 @@ impl SyntheticCamera {
         self.add_sun();
     }
 
-    /// Adds the sun's disc, sub-sampled 8x8 within each pixel near it.
+    /// Adds the sun's disc; pixels share it by the area of the disc they see.
     fn add_sun(&mut self) {
         let Some(sun) = self.sky.sun() else { return };
-        let axis = sun.dir_world.map(f64::from);
-        let cos_disc = (0.5 * SUN_DIAMETER_DEG).to_radians().cos();
-        let near = (cos_disc.acos() + 0.03).cos() as f32;
-        for (value, pixel) in self.truth.iter_mut().zip(&self.seen) {
-            if (0..3).map(|k| pixel.dir[k] * sun.dir_world[k]).sum::<f32>() < near {
+        let count = 1024;
+        for dir in disc_directions(sun.dir_world, count) {
+            let Some(at) = self.lens.project(dir) else { continue };
+            if at.iter().any(|&c| c < 0.0) || at[0] as usize >= self.settings.width {
                 continue;
             }
-            let corner = [(pixel.index % self.settings.width) as f64, (pixel.index / self.settings.width) as f64];
-            let inside = (0..64).filter(|i| {
-                let at = [corner[0] + f64::from(i % 8) / 8.0 + 0.0625, corner[1] + f64::from(i / 8) / 8.0 + 0.0625];
-                let dir = self.lens.unproject(at);
-                dir.is_some_and(|d| d[1] >= 0.0 && (0..3).map(|k| d[k] * axis[k]).sum::<f64>() >= cos_disc)
-            });
-            let share = inside.count() as f64 / 64.0 / sun_solid_angle_sr();
-            *value = std::array::from_fn(|k| value[k] + (f64::from(sun.irradiance[k]) * share) as f32);
+            let index = at[1] as usize * self.settings.width + at[0] as usize;
+            let centre = at.map(|c| c.floor() + 0.5);
+            let (Ok(seen), Some(omega)) =
+                (self.seen.binary_search_by_key(&index, |pixel| pixel.index), self.lens.solid_angle_sr(centre))
+            else {
+                continue;
+            };
+            let scale = 1.0 / (omega * f64::from(count));
+            let value = &mut self.truth[seen];
+            *value = std::array::from_fn(|k| value[k] + (f64::from(sun.irradiance[k]) * scale) as f32);
         }
     }
 }
