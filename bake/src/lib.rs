@@ -1,12 +1,14 @@
 //! Offline tool of Relume: scene -> response -> tiles -> field file.
 mod accessor;
 pub mod camera;
+pub mod compress;
 pub mod demo_scene;
 pub mod environment;
 pub mod fragments;
 pub mod geometry;
 mod gltf_file;
 mod path;
+pub mod prior;
 pub mod response;
 pub mod scene;
 mod strata;
@@ -16,3 +18,10 @@ pub mod viewpoint;
 pub mod cutout;
 pub mod progress;
 pub mod stack;
+pub mod bake;
+pub mod cli;
+pub mod encode;
+pub mod info;
+pub mod report;
+pub mod sunlayers;
+pub mod write;

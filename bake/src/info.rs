@@ -1,0 +1,123 @@
+//! `relume-bake info`: what is in a field.
+
+use crate::report::Report;
+use relume_firmware::field::{CameraRecord, Field};
+use relume_firmware::glue::failure::Failure;
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
+
+/// The facts of a field file.
+#[derive(Clone, Debug, Serialize)]
+pub struct Info {
+    file: String,
+    version: u16,
+    file_bytes: usize,
+    width: usize,
+    height: usize,
+    patch_set_id: String,
+    patches_upper: usize,
+    patches_lower: usize,
+    covered_pixels: usize,
+    camera: CameraInfo,
+    error_target: f32,
+    site: Option<[f32; 2]>,
+    seed: u64,
+    max_hits: u32,
+    bytes_per_covered_pixel: f64,
+    bytes_stored_per_covered_pixel: f64,
+    sun_casters: usize,
+    layers: Vec<LayerInfo>,
+    bake: Option<Report>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct CameraInfo {
+    position: [f32; 3],
+    target: [f32; 3],
+    up: [f32; 3],
+    fov_y_deg: f32,
+    north_deg: f32,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct LayerInfo {
+    kind: String,
+    bytes: u64,
+}
+
+impl Info {
+    /// Reads and checks a field.
+    ///
+    /// # Errors
+    /// Bad input when the file cannot be read or is no sound field.
+    pub fn read(path: &Path) -> Result<Self, Failure> {
+        let fault = |what: &dyn fmt::Display| Failure::bad(format!("{}: {what}", path.display()));
+        let bytes = std::fs::read(path).map_err(|error| fault(&error))?;
+        let field = Field::new(&bytes).map_err(|error| fault(&error))?;
+        Ok(Self::of(&field, &path.display().to_string()))
+    }
+
+    fn of(field: &Field<'_>, file: &str) -> Self {
+        let header = field.header();
+        let CameraRecord { position, target, up, fov_y_deg, north_deg } = header.camera;
+        let covered = field.response().covered();
+        let tiles = field.response();
+        let read: usize = (0..tiles.tiles()).map(|t| tiles.tile(t).bytes()).sum();
+        let per_pixel = |bytes: usize| bytes as f64 / covered.max(1) as f64;
+        let kind = |kind: [u8; 4]| String::from_utf8_lossy(&kind).into_owned();
+        Info {
+            file: file.to_owned(),
+            version: relume_firmware::field::VERSION,
+            file_bytes: field.file_bytes(),
+            width: field.width(),
+            height: field.height(),
+            patch_set_id: format!("{:08x}", header.patches.id()),
+            patches_upper: header.patches.upper(),
+            patches_lower: header.patches.lower(),
+            covered_pixels: covered,
+            camera: CameraInfo { position, target, up, fov_y_deg, north_deg },
+            error_target: header.error_target,
+            site: header.site,
+            seed: header.seed,
+            max_hits: header.max_hits,
+            bytes_per_covered_pixel: per_pixel(read),
+            bytes_stored_per_covered_pixel: per_pixel(field.file_bytes()),
+            sun_casters: field.sun_surfaces().casters(),
+            layers: field.layers().map(|layer| LayerInfo { kind: kind(layer.kind), bytes: layer.length }).collect(),
+            bake: serde_json::from_slice(field.meta()).ok(),
+        }
+    }
+
+    /// One JSON object.
+    pub fn to_json(&self) -> String {
+        serde_json::to_string(self).unwrap_or_default()
+    }
+}
+
+impl fmt::Display for Info {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let camera = &self.camera;
+        writeln!(f, "{}: Relume field version {}, {} bytes, sound", self.file, self.version, self.file_bytes)?;
+        writeln!(f, "picture   {} x {} px, {} covered", self.width, self.height, self.covered_pixels)?;
+        writeln!(f, "patches   {} + {} (set {})", self.patches_upper, self.patches_lower, self.patch_set_id)?;
+        writeln!(
+            f,
+            "camera    at {:?} towards {:?}, {} degrees high, north {}",
+            camera.position, camera.target, camera.fov_y_deg, camera.north_deg
+        )?;
+        writeln!(
+            f,
+            "bytes     {:.1} read and {:.1} stored per covered pixel",
+            self.bytes_per_covered_pixel, self.bytes_stored_per_covered_pixel
+        )?;
+        if let Some(bake) = &self.bake {
+            writeln!(f, "rank      {:.1} on average, {} at most", bake.rank_mean, bake.rank_max)?;
+        }
+        writeln!(f, "sun       {} casters", self.sun_casters)?;
+        for layer in &self.layers {
+            writeln!(f, "layer     {} {:>12} bytes", layer.kind, layer.bytes)?;
+        }
+        Ok(())
+    }
+}

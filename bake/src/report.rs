@@ -1,0 +1,50 @@
+//! What a bake says about itself: the META layer and `relume-bake info`.
+
+use crate::write::{FieldTile, FieldWriter};
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// Facts about a bake. Serialised without anything that differs from run to run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Tiles with at least one covered pixel.
+    pub tiles_covered: usize,
+    /// Tiles in all.
+    pub tiles: usize,
+    /// Mean rank over covered pixels.
+    pub rank_mean: f64,
+    /// Largest rank.
+    pub rank_max: usize,
+    /// Bytes of response and coverage per covered pixel.
+    pub bytes_per_covered_pixel: f64,
+    /// Wall-clock seconds of the bake.
+    #[serde(skip)]
+    pub seconds: f64,
+    #[serde(skip)]
+    rank_sum: f64,
+}
+
+impl Report {
+    /// Counts a tile.
+    pub fn add(&mut self, tile: &FieldTile) {
+        let record = &tile.response.record;
+        self.tiles += 1;
+        self.tiles_covered += usize::from(record.pixels > 0);
+        self.rank_sum += f64::from(record.rank) * f64::from(record.pixels);
+        self.rank_max = self.rank_max.max(usize::from(record.rank));
+    }
+
+    /// Closes the sums.
+    pub fn finish(&mut self, writer: &FieldWriter, time: Duration) {
+        let covered = f64::from(writer.covered().max(1));
+        self.rank_mean = self.rank_sum / covered;
+        self.bytes_per_covered_pixel = writer.response_bytes() as f64 / covered;
+        self.seconds = time.as_secs_f64();
+    }
+
+    /// The META layer.
+    pub fn to_json(&self) -> String {
+        // A struct of numbers always serialises.
+        serde_json::to_string(self).unwrap_or_default()
+    }
+}

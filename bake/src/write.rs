@@ -1,0 +1,142 @@
+//! Tiles -> field bytes: collects the layers and writes the file whole or not at all.
+
+use crate::encode::TileBytes;
+use relume_firmware::field::{HEADER, Header, LAYER_ALIGN, LAYER_CRITICAL, LAYER_ENTRY, Layer, LayerKind};
+use relume_firmware::glue::outfile::{OutError, write_whole};
+use relume_firmware::tile::{ALL_WHOLE, PLACE_UNIT};
+use std::io::Write;
+use std::path::Path;
+
+/// The layers of a tile set while they grow.
+#[derive(Debug, Default)]
+struct TileSetBytes {
+    records: Vec<u8>,
+    u: Vec<u8>,
+    v: Vec<u8>,
+    rows: Vec<u8>,
+}
+
+/// Appends at the next place and returns it.
+fn append(layer: &mut Vec<u8>, bytes: &[u8]) -> u32 {
+    layer.resize(layer.len().next_multiple_of(PLACE_UNIT), 0);
+    let place = (layer.len() / PLACE_UNIT) as u32;
+    layer.extend_from_slice(bytes);
+    place
+}
+
+impl TileSetBytes {
+    fn push(&mut self, tile: TileBytes, coverage_place: u32) {
+        let mut record = tile.record;
+        record.u_place = append(&mut self.u, &tile.u);
+        record.v_place = append(&mut self.v, &tile.v);
+        record.rows_place = append(&mut self.rows, &tile.rows);
+        record.coverage_place = coverage_place;
+        self.records.extend_from_slice(&record.encode());
+    }
+}
+
+/// A field file while it grows, tile by tile in row order.
+#[derive(Debug, Default)]
+pub struct FieldWriter {
+    response: TileSetBytes,
+    coverage: Vec<u8>,
+    sun_indirect: TileSetBytes,
+    blocks: Vec<u8>,
+    fragments: Vec<u8>,
+    covered: u32,
+}
+
+/// All that one tile adds.
+#[derive(Debug)]
+pub struct FieldTile {
+    /// Response to the patches.
+    pub response: TileBytes,
+    /// Response to indirect sunlight, same mask.
+    pub sun_indirect: TileBytes,
+    /// Coverage of the covered pixels, in mask order.
+    pub coverage: Vec<u8>,
+    /// The tile's block of FRAG.
+    pub fragments: Vec<u8>,
+}
+
+impl FieldWriter {
+    /// Adds the next tile.
+    pub fn push(&mut self, tile: FieldTile) {
+        self.covered += u32::from(tile.response.record.pixels);
+        let whole = tile.coverage.iter().all(|&share| share == 255);
+        let place = if whole { ALL_WHOLE } else { append(&mut self.coverage, &padded_bytes(tile.coverage)) };
+        self.response.push(tile.response, place);
+        self.sun_indirect.push(tile.sun_indirect, ALL_WHOLE);
+        self.blocks.extend_from_slice(&((self.fragments.len() / 4) as u32).to_le_bytes());
+        self.fragments.extend_from_slice(&tile.fragments);
+    }
+
+    /// Covered pixels so far.
+    pub fn covered(&self) -> u32 {
+        self.covered
+    }
+
+    /// Bytes of U, V, scales and coverage so far: what a frame may read.
+    pub fn response_bytes(&self) -> usize {
+        let set = &self.response;
+        set.records.len() + set.u.len() + set.v.len() + set.rows.len() + self.coverage.len()
+    }
+
+    /// The whole file. `casters` and `nodes` are CAST and CBVH, `meta` JSON; `header.covered` is set here.
+    pub fn into_bytes(mut self, mut header: Header, casters: Vec<u8>, nodes: Vec<u8>, meta: &str) -> Vec<u8> {
+        header.covered = self.covered;
+        self.blocks.extend_from_slice(&((self.fragments.len() / 4) as u32).to_le_bytes());
+        let (response, sun) = (self.response, self.sun_indirect);
+        let layers: [(LayerKind, u32, Vec<u8>); 14] = [
+            (*b"TILE", LAYER_CRITICAL, response.records),
+            (*b"ROWS", LAYER_CRITICAL, response.rows),
+            (*b"RESU", LAYER_CRITICAL, response.u),
+            (*b"RESV", LAYER_CRITICAL, response.v),
+            (*b"COVR", LAYER_CRITICAL, self.coverage),
+            (*b"SUNT", LAYER_CRITICAL, sun.records),
+            (*b"SUNR", LAYER_CRITICAL, sun.rows),
+            (*b"SUNU", LAYER_CRITICAL, sun.u),
+            (*b"SUNV", LAYER_CRITICAL, sun.v),
+            (*b"CAST", LAYER_CRITICAL, casters),
+            (*b"CBVH", LAYER_CRITICAL, nodes),
+            (*b"FRGT", LAYER_CRITICAL, self.blocks),
+            (*b"FRAG", LAYER_CRITICAL, self.fragments),
+            (*b"META", 0, meta.as_bytes().to_vec()),
+        ];
+        assemble(&header, &layers)
+    }
+}
+
+/// Header, table and aligned layers.
+fn assemble(header: &Header, layers: &[(LayerKind, u32, Vec<u8>)]) -> Vec<u8> {
+    let mut table = Vec::with_capacity(layers.len() * LAYER_ENTRY);
+    let mut offset = (HEADER + layers.len() * LAYER_ENTRY).next_multiple_of(LAYER_ALIGN);
+    for (kind, flags, bytes) in layers {
+        let crc32 = crc32fast::hash(bytes);
+        let layer = Layer { kind: *kind, flags: *flags, offset: offset as u64, length: bytes.len() as u64, crc32 };
+        table.extend_from_slice(&layer.encode());
+        offset = (offset + bytes.len()).next_multiple_of(LAYER_ALIGN);
+    }
+    let mut file = Vec::with_capacity(offset);
+    file.extend_from_slice(&header.encode(offset as u64, &table));
+    file.extend_from_slice(&table);
+    for (_, _, bytes) in layers {
+        file.resize(file.len().next_multiple_of(LAYER_ALIGN), 0);
+        file.extend_from_slice(bytes);
+    }
+    file.resize(offset, 0);
+    file
+}
+
+fn padded_bytes(mut bytes: Vec<u8>) -> Vec<u8> {
+    bytes.resize(relume_firmware::tile::padded(bytes.len()), 0);
+    bytes
+}
+
+/// Writes the field so that it appears whole or not at all.
+///
+/// # Errors
+/// [`OutError`]: the place cannot be written, or the disk is full.
+pub fn save(path: &Path, bytes: &[u8]) -> Result<(), OutError> {
+    write_whole(path, |out| out.write_all(bytes))
+}
