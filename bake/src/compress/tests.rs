@@ -1,0 +1,177 @@
+use super::*;
+use crate::prior::{Mixture, Random, draw_skies};
+use relume_firmware::patches::PatchSet;
+use std::sync::OnceLock;
+
+fn set() -> PatchSet {
+    PatchSet::new(64).unwrap()
+}
+
+fn prior() -> &'static Prior {
+    static PRIOR: OnceLock<Prior> = OnceLock::new();
+    PRIOR.get_or_init(|| Prior::of_mixture(&set(), &Mixture { skies: 600, ..Mixture::default() }))
+}
+
+/// A level street between a wall and a post: each pixel's view of the patches is cut by two half planes.
+fn street(pixels: usize, noise: f64) -> Vec<f32> {
+    let set = set();
+    let mut random = Random::new(9);
+    let mut response = Vec::new();
+    for pixel in 0..pixels {
+        let (x, z) = ((pixel % 16) as f32 / 16.0, (pixel / 16) as f32 / 16.0);
+        for albedo in [0.7, 0.5, 0.3] {
+            for patch in 0..set.len() {
+                let inside = (0..64).filter(|k| {
+                    let d = set.sample(patch, [((k / 8) as f32 + 0.5) / 8.0, ((k % 8) as f32 + 0.5) / 8.0]);
+                    let wall = d[0] > 0.0 && d[1] * (1.2 - x) < d[0] * 0.8;
+                    let post = d[2] < 0.0 && (d[0] + d[2] * (x - 0.5) / (z + 0.4)).abs() < 0.15 * -d[2];
+                    d[1] > 0.0 && !wall && !post
+                });
+                let share = inside.count() as f32 / 64.0;
+                let cosine = set.dir_world(patch)[1].max(0.0) * set.solid_angle_sr(patch) / std::f32::consts::PI;
+                let bounced = 0.02 * albedo * set.solid_angle_sr(patch);
+                let factor = (1.0 + noise * random.normal()).max(0.0) as f32;
+                response.push((albedo * cosine * share + bounced) * factor);
+            }
+        }
+    }
+    response
+}
+
+/// Sums in f64 over the response and over the tile, per pixel and channel.
+fn lit(response: &[f32], tile: &CompressedTile, sky: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    let sum = |row: &[f32]| row.iter().zip(sky).map(|(&r, w)| f64::from(r) * w).sum::<f64>();
+    let exact = response.chunks_exact(sky.len()).map(sum).collect();
+    let shown = (0..tile.pixels * 3).map(|i| sum(&tile.row(i / 3, i % 3))).collect();
+    (exact, shown)
+}
+
+fn relative_rmse(exact: &[f64], shown: &[f64]) -> f64 {
+    let square: f64 = exact.iter().zip(shown).map(|(a, b)| (a - b).powi(2)).sum();
+    (square / exact.len() as f64).sqrt() / (exact.iter().sum::<f64>() / exact.len() as f64)
+}
+
+#[test]
+fn fresh_skies_meet_the_target() {
+    let response = street(256, 0.0);
+    let target = Target { error: 0.01, max_rank: 96 };
+    let tile = compress(&response, set().len(), prior(), &target);
+    let fresh = draw_skies(&set(), &Mixture { seed: 4711, skies: 60, ..Mixture::default() });
+    let mut errors: Vec<f64> = fresh
+        .iter()
+        .map(|sky| {
+            let (exact, shown) = lit(&response, &tile, sky);
+            relative_rmse(&exact, &shown)
+        })
+        .collect();
+    errors.sort_by(f64::total_cmp);
+    assert!(errors[30] < 0.005 && errors[59] < 0.04, "{} {}", errors[30], errors[59]);
+    assert!(tile.rank < 40, "{}", tile.rank);
+}
+
+#[test]
+fn a_smaller_error_takes_more_rank_and_delivers() {
+    let response = street(256, 0.0);
+    let sky = &draw_skies(&set(), &Mixture { seed: 5, skies: 1, ..Mixture::default() })[0];
+    let at = |error: f64| {
+        let tile = compress(&response, set().len(), prior(), &Target { error, max_rank: 96 });
+        let (exact, shown) = lit(&response, &tile, sky);
+        (tile.rank, relative_rmse(&exact, &shown))
+    };
+    let (coarse, fine) = (at(0.05), at(0.005));
+    assert!(fine.0 > coarse.0 && fine.1 < 0.5 * coarse.1, "{coarse:?} {fine:?}");
+}
+
+#[test]
+fn a_constant_sky_is_near_exact() {
+    let response = street(256, 0.1);
+    let tile = compress(&response, set().len(), prior(), &Target { error: 0.01, max_rank: 96 });
+    let (exact, shown) = lit(&response, &tile, &vec![1.0; set().len()]);
+    assert!(relative_rmse(&exact, &shown) < 1e-3, "{}", relative_rmse(&exact, &shown));
+}
+
+#[test]
+fn a_low_rank_tile_comes_back_to_rounding() {
+    let patches = set().len();
+    let mut random = Random::new(3);
+    let pattern: Vec<Vec<f64>> = (0..2).map(|_| (0..patches).map(|_| random.unit()).collect()).collect();
+    let mut response = Vec::new();
+    for pixel in 0..100 {
+        let share = f64::from(pixel) / 99.0;
+        for tint in [1.0, 0.5, 0.01] {
+            response
+                .extend((0..patches).map(|p| (tint * (share * pattern[0][p] + (1.0 - share) * pattern[1][p])) as f32));
+        }
+    }
+    let tile = compress(&response, patches, prior(), &Target::default());
+    assert_eq!(tile.rank, 2);
+    let worst = response.chunks_exact(patches).enumerate().fold(0.0f32, |worst, (i, row)| {
+        let top = row.iter().fold(0.0f32, |a, &b| a.max(b));
+        let off = row.iter().zip(tile.row(i / 3, i % 3)).fold(0.0f32, |a, (r, s)| a.max((r - s).abs()));
+        worst.max(off / top)
+    });
+    assert!(worst < 0.04, "{worst}");
+}
+
+#[test]
+fn black_tiles_pixels_and_channels_stay_black() {
+    let patches = set().len();
+    let black = compress(&vec![0.0; patches * 3 * 7], patches, prior(), &Target::default());
+    assert_eq!((black.rank, black.pixels, black.row_scale.len()), (0, 7, 7));
+    let mut response = street(20, 0.0);
+    response[5 * 3 * patches..6 * 3 * patches].fill(0.0);
+    response[(9 * 3 + 1) * patches..(9 * 3 + 2) * patches].fill(0.0);
+    let tile = compress(&response, patches, prior(), &Target::default());
+    assert_eq!(tile.row_scale[5], [0.0; 3]);
+    assert!(tile.u[5 * tile.rank..6 * tile.rank].iter().all(|&u| u == 0));
+    assert!(tile.row_scale[9][1] == 0.0 && tile.row_scale[9][0] > 0.0);
+    assert!(compress(&[], patches, prior(), &Target::default()).rank == 0);
+}
+
+#[test]
+fn one_pixel_and_one_patch() {
+    let patches = set().len();
+    let one = street(1, 0.0);
+    let tile = compress(&one, patches, prior(), &Target::default());
+    let (exact, shown) = lit(&one, &tile, &vec![1.0; patches]);
+    assert_eq!((tile.pixels, tile.rank), (1, 2));
+    assert!(relative_rmse(&exact, &shown) < 0.002);
+    // Light from one patch only, six decades of brightness between the pixels.
+    let mut spots = vec![0.0f32; patches * 3 * 256];
+    for (row, values) in spots.chunks_exact_mut(patches).enumerate() {
+        values[17] = 10f32.powi(-((row / 3) as i32 % 7));
+    }
+    let tile = compress(&spots, patches, prior(), &Target::default());
+    let (exact, shown) = lit(&spots, &tile, &vec![1.0; patches]);
+    assert!(tile.rank == 2 && relative_rmse(&exact, &shown) < 0.001);
+}
+
+#[test]
+fn noise_buys_little_rank() {
+    let target = Target { error: 0.02, max_rank: 96 };
+    let rank = |noise: f64| compress(&street(256, noise), set().len(), prior(), &target).rank;
+    let (clean, grainy) = (rank(0.0), rank(0.1));
+    assert!(grainy <= clean + 12, "{clean} {grainy}");
+}
+
+#[test]
+fn the_same_bytes_every_time_and_codes_use_their_range() {
+    let response = street(200, 0.05);
+    let once = compress(&response, set().len(), prior(), &Target::default());
+    assert_eq!(once, compress(&response, set().len(), prior(), &Target::default()));
+    assert_eq!(once.u.len(), once.pixels * once.rank);
+    for channel in 0..3 {
+        assert_eq!(once.v[channel].len(), once.rank * set().len());
+        assert!(once.v[channel].iter().all(|&v| v != i8::MIN));
+    }
+    for k in 0..once.rank {
+        let top = (0..once.pixels).map(|p| once.u[p * once.rank + k].unsigned_abs()).max();
+        assert_eq!(top, Some(127), "column {k}");
+    }
+}
+
+#[test]
+fn the_rank_stays_under_its_cap() {
+    let tile = compress(&street(256, 0.6), set().len(), prior(), &Target { error: 1e-5, max_rank: 31 });
+    assert_eq!(tile.rank, 30);
+}
