@@ -18,19 +18,16 @@ fn solve(mut a: [[f64; TERMS]; TERMS], mut b: [[f64; 3]; TERMS]) -> [[f64; 3]; T
         b.swap(col, pivot);
         for row in col + 1..TERMS {
             let factor = a[row][col] / a[col][col];
-            for k in col..TERMS {
-                a[row][k] -= factor * a[col][k];
-            }
-            for k in 0..3 {
-                b[row][k] -= factor * b[col][k];
-            }
+            let (left, right) = (a[col], b[col]);
+            a[row] = std::array::from_fn(|k| a[row][k] - factor * left[k]);
+            b[row] = std::array::from_fn(|k| b[row][k] - factor * right[k]);
         }
     }
     for row in (0..TERMS).rev() {
-        for k in 0..3 {
+        b[row] = std::array::from_fn(|k| {
             let known: f64 = (row + 1..TERMS).map(|j| a[row][j] * b[j][k]).sum();
-            b[row][k] = (b[row][k] - known) / a[row][row];
-        }
+            (b[row][k] - known) / a[row][row]
+        });
     }
     b
 }

@@ -119,17 +119,14 @@ fn excess_around(map: &RadianceMap, dir: [f64; 3], radius: f64) -> Option<Excess
             let apart: f64 = (0..3).map(|k| (pixel.dir[k] - other.dir[k]).powi(2)).sum();
             let weight = other.omega / apart.max(1e-12);
             total += weight;
-            for k in 0..3 {
-                sky[k] += weight * f64::from(map.pixels[other.index][k]);
-            }
+            let beside = map.pixels[other.index];
+            sky = std::array::from_fn(|k| sky[k] + weight * f64::from(beside[k]));
         }
         let value = map.pixels[pixel.index];
         let above: [f32; 3] = std::array::from_fn(|k| (value[k] - (sky[k] / total) as f32).max(0.0));
         let light = f64::from(luminance(above)) * pixel.omega;
-        for k in 0..3 {
-            excess.irradiance[k] += f64::from(above[k]) * pixel.omega;
-            excess.centroid[k] += light * pixel.dir[k];
-        }
+        excess.irradiance = std::array::from_fn(|k| excess.irradiance[k] + f64::from(above[k]) * pixel.omega);
+        excess.centroid = std::array::from_fn(|k| excess.centroid[k] + light * pixel.dir[k]);
         excess.pixels.push((pixel.index, above));
     }
     let length = excess.centroid.iter().map(|c| c * c).sum::<f64>().sqrt();
@@ -159,9 +156,8 @@ pub fn split(map: &RadianceMap) -> Split {
     }
     let mut sky = map.clone();
     for (index, above) in excess.pixels {
-        for k in 0..3 {
-            sky.pixels[index][k] -= above[k];
-        }
+        let pixel = &mut sky.pixels[index];
+        *pixel = std::array::from_fn(|k| pixel[k] - above[k]);
     }
     let sun =
         SunWeight { dir_world: excess.centroid.map(|c| c as f32), irradiance: excess.irradiance.map(|v| v as f32) };

@@ -107,7 +107,7 @@ impl PatchWeights {
                 return Err(WeightsError::Value { what: "the sun".into(), value: sun.irradiance });
             }
             let length = sun.dir_world.iter().map(|c| c * c).sum::<f32>();
-            if !((length - 1.0).abs() < 1e-3) {
+            if length.is_nan() || (length - 1.0).abs() >= 1e-3 {
                 return Err(WeightsError::SunDirection(sun.dir_world));
             }
         }
@@ -214,7 +214,7 @@ impl PatchWeights {
             };
             if rgb.iter().any(|&v| v > 0.0) {
                 let length = dir.iter().map(|c| c * c).sum::<f32>().sqrt();
-                if !((length - 1.0).abs() < 1e-3) {
+                if length.is_nan() || (length - 1.0).abs() >= 1e-3 {
                     return Err(format!("sun direction {dir:?} is not a unit vector"));
                 }
                 self.sun = Some(SunWeight { dir_world: dir.map(|c| c / length), irradiance: rgb });

@@ -90,7 +90,6 @@ fn a_synthetic_series_comes_back_as_the_skys_own_weights() {
     let (found, camera) = capture(deep, &times);
     let truth = camera.sky().weights(&set());
     let sun = found.weights.sun.unwrap().irradiance[1] / truth.sun.unwrap().irradiance[1] - 1.0;
-    println!("truth {:?} found {:?}", truth.sun, found.weights.sun);
     println!("clear sky, measured sun: patches {:.4}, sun {sun:.4}", difference(&found.weights, &truth));
     assert!(sun.abs() < 0.03 && found.sun_source == SunSource::Measured, "{sun} {:?}", found.sun_source);
 
