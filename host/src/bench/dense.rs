@@ -176,4 +176,15 @@ mod tests {
         let found = errors(&mut dense, &[sky]).unwrap()[0];
         assert!(found.rmse < 1e-6, "{found:?}");
     }
+
+    /// `cargo test --release -p relume --lib bench::dense -- --ignored --nocapture`
+    #[test]
+    #[ignore = "takes 640 MB and is a measurement"]
+    fn time_at_512x384() {
+        let Ok(blas) = Blas::load() else { return eprintln!("skipped: no OpenBLAS here") };
+        let mut dense = Dense::new(blas, (0..512 * 384).collect(), 512 * 384, 272, false).unwrap();
+        let sky = sky("made up", 272, &made_up(4, 272));
+        let took = super::super::method::time_one(&mut dense, &sky, 15).unwrap();
+        eprintln!("{}: {:.1} ms per frame", dense.describe(), 1e3 * took);
+    }
 }

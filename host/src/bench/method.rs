@@ -79,6 +79,18 @@ pub fn time(methods: &mut [Box<dyn Method>], skies: &[BenchSky], rounds: usize) 
     Ok(times.iter().map(|times| median(times)).collect())
 }
 
+/// Median CPU time per frame of one method under one sky, seconds.
+#[cfg(test)]
+pub(crate) fn time_one(method: &mut dyn Method, sky: &BenchSky, rounds: usize) -> anyhow::Result<f64> {
+    let mut times = Vec::new();
+    for _ in 0..rounds {
+        let start = cpu_s();
+        method.frame(sky)?;
+        times.push(cpu_s() - start);
+    }
+    Ok(median(&times))
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
