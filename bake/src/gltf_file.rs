@@ -27,6 +27,12 @@ impl GltfFile {
             refuse_extension(path, extension)?;
         }
         root.extensions_required.clear();
+        // The library's own check looks positions up before it has checked their index.
+        let used = root.meshes.iter().flat_map(|m| &m.primitives).flat_map(|p| p.attributes.values());
+        if let Some(index) = used.map(|index| index.value()).find(|&index| index >= root.accessors.len()) {
+            let fault = format!("a mesh uses accessor {index} of {}", root.accessors.len());
+            return Err(SceneError::Format { file: path.to_owned(), fault });
+        }
         let document = gltf::Document::from_json(root).map_err(fault)?;
         let mut file = GltfFile { path: path.to_owned(), document, buffers: Vec::new() };
         let mut buffers = Vec::new();

@@ -1,7 +1,7 @@
 //! The response of pixels to every patch of the sky, all patches in one pass.
 //!
 //! A pixel is seen by `camera_samples` rays, jittered in 4 x 4 strata. Rays are aimed at the patches (a) from the seen
-//! surfaces, each patch from a rotating quarter of the strata or from all of them where the pixel is not uniform, and
+//! surfaces, each patch from a rotating share of the strata, or from all of them where pixel or patch is not uniform, and
 //! (b) from every further surface of the paths that go on from there, one patch out of each group of neighbours, so
 //! that over the pixel's paths every patch of a group has the same number of rays. A path that escapes adds nothing:
 //! all light comes by aimed rays.
@@ -45,9 +45,9 @@ impl Default for TransportOptions {
             max_hits: 0,
             seed: 1,
             camera_samples: 16,
-            direct_classes: 1,
-            paths: 4,
-            patch_group: 16,
+            direct_classes: 2,
+            paths: 8,
+            patch_group: 8,
             sun_samples: 64,
         }
     }
@@ -198,10 +198,11 @@ impl<'s> Transport<'s> {
     /// Adds the light that reaches the seen surfaces straight from the patches to `[channel][patch]`.
     fn first_light(&self, seen: &Seen, response: &mut [f32], rng: &mut Rng) {
         let patches = self.patches.len();
-        let classes = if uniform(seen) { self.options.direct_classes } else { 4 };
-        let rays = classes * seen.len() as u32 / 4;
-        let grid = Grid::new(rays);
+        let usual = if uniform(seen) { self.options.direct_classes } else { 4 };
         for patch in 0..patches {
+            let classes = if self.patches.wide(patch) { 4 } else { usual };
+            let rays = classes * seen.len() as u32 / 4;
+            let grid = Grid::new(rays);
             let turn = rng.next_u32();
             let weight = self.patches.solid_angle_sr[patch] / (std::f32::consts::PI * rays as f32);
             let mut cell = turn >> 2;
@@ -285,3 +286,6 @@ fn uniform(seen: &Seen) -> bool {
         surface.is_some_and(|s| s.normal.dot(first.normal) > 0.98 && (s.albedo - first.albedo).length() < 0.05)
     })
 }
+
+#[cfg(test)]
+mod tests;

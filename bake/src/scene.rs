@@ -341,3 +341,6 @@ impl<'m> PlacedMesh<'m> {
         Ok(Some(Triangle { positions: world, normals, uvs, material }))
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -366,3 +366,6 @@ fn write_grey(path: &Path, size: (usize, usize), values: &[f32]) -> Result<(), e
     Image::from_layer(layer).write().non_parallel().to_buffered(&mut file)?;
     Ok(file.flush()?)
 }
+
+#[cfg(test)]
+mod tests;

@@ -55,7 +55,7 @@ impl Transport<'_> {
         let mut sum = Vec3A::ZERO;
         for (k, surface) in seen.iter().enumerate() {
             let Some(surface) = surface else { continue };
-            // Odd steps visit every cell once and keep the three sets of cells unlike.
+            // Different steps keep the three sets of cells unlike.
             let cell = |step: u32, turn: u32| (k as u32 * step + turn) % samples;
             let at = cells.point(cell(5, sun_turn), rng.jitter());
             sum += self.lit(surface, disc.direction(at));

@@ -1,0 +1,157 @@
+//! Small glTF files, most of them broken.
+
+use std::io::Write;
+
+use super::*;
+
+/// A `.gltf` of one mesh whose buffer lies beside it: positions, normals after them, indices after those.
+struct Sample {
+    positions: Vec<[f32; 3]>,
+    indices: Vec<u16>,
+    mode: u32,
+    node: &'static str,
+    extra: &'static str,
+}
+
+impl Default for Sample {
+    fn default() -> Self {
+        let positions = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];
+        Sample { positions, indices: vec![0, 1, 2, 2, 1, 3], mode: 4, node: "", extra: "" }
+    }
+}
+
+impl Sample {
+    fn json(&self, uri: &str, length: usize) -> String {
+        let (vertices, count) = (self.positions.len(), self.indices.len());
+        let split = 12 * vertices;
+        let (mode, node, extra) = (self.mode, self.node, self.extra);
+        format!(
+            r#"{{"asset":{{"version":"2.0"}},{extra}
+            "scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0,"name":"Hut"{node}}}],
+            "meshes":[{{"name":"Roof","primitives":[{{"attributes":{{"POSITION":0}},"indices":1,"mode":{mode}}}]}}],
+            "buffers":[{{"uri":"{uri}","byteLength":{length}}}],
+            "bufferViews":[{{"buffer":0,"byteOffset":0,"byteLength":{split}}},
+                {{"buffer":0,"byteOffset":{split},"byteLength":{rest}}}],
+            "accessors":[{{"bufferView":0,"componentType":5126,"count":{vertices},"type":"VEC3",
+                "min":[0,0,0],"max":[1,1,1]}},
+                {{"bufferView":1,"componentType":5123,"count":{count},"type":"SCALAR"}}]}}"#,
+            rest = length - split.min(length),
+        )
+    }
+
+    fn bytes(&self) -> Vec<u8> {
+        let numbers = self.positions.iter().flatten().flat_map(|v| v.to_le_bytes());
+        numbers.chain(self.indices.iter().flat_map(|v| v.to_le_bytes())).collect()
+    }
+
+    fn load(&self) -> Result<Scene, SceneError> {
+        let dir = tempfile::tempdir().unwrap();
+        let bytes = self.bytes();
+        std::fs::write(dir.path().join("a part.bin"), &bytes).unwrap();
+        let path = dir.path().join("hut.gltf");
+        std::fs::write(&path, self.json("a%20part.bin", bytes.len())).unwrap();
+        load(&path)
+    }
+}
+
+fn message(result: Result<Scene, SceneError>) -> String {
+    let text = result.unwrap_err().to_string();
+    assert!(!text.contains('\n'), "{text}");
+    text
+}
+
+#[test]
+fn triangles_come_with_flat_normals_and_the_default_material() {
+    let scene = Sample::default().load().unwrap();
+    assert_eq!(scene.triangles.len(), 2);
+    assert!(scene.triangles.iter().all(|t| t.normals == [Vec3::Z; 3]));
+    assert_eq!(scene.materials[scene.triangles[0].material as usize].base_color, [1.0; 4]);
+}
+
+#[test]
+fn nodes_move_turn_and_mirror() {
+    let node = r#","scale":[-2,2,2],"translation":[10,0,0]"#;
+    let scene = Sample { node, ..Sample::default() }.load().unwrap();
+    let triangle = scene.triangles[0];
+    let [a, b, c] = triangle.positions;
+    assert!(triangle.positions.contains(&Vec3::new(8.0, 0.0, 0.0)));
+    // A mirror keeps fronts in front.
+    assert_eq!((b - a).cross(c - a).normalize(), Vec3::Z);
+    assert_eq!(triangle.normals[0], Vec3::Z);
+}
+
+#[test]
+fn strips_and_fans_keep_their_fronts() {
+    let strip = Sample { indices: vec![0, 1, 2, 3], mode: 5, ..Sample::default() }.load().unwrap();
+    let fan = Sample { indices: vec![0, 1, 3, 2], mode: 6, ..Sample::default() }.load().unwrap();
+    for scene in [strip, fan] {
+        assert_eq!(scene.triangles.len(), 2);
+        assert!(scene.triangles.iter().all(|t| t.normals[0] == Vec3::Z));
+    }
+}
+
+#[test]
+fn degenerate_triangles_are_left_out() {
+    let scene = Sample { indices: vec![0, 1, 2, 1, 1, 2], ..Sample::default() }.load().unwrap();
+    assert_eq!(scene.triangles.len(), 1);
+}
+
+#[test]
+fn faults_are_one_line_with_file_and_place() {
+    let mut sample = Sample::default();
+    sample.positions[1][2] = f32::NAN;
+    let text = message(sample.load());
+    assert!(text.contains("hut.gltf: mesh 'Roof' of node 'Hut' has a vertex"), "{text}");
+
+    let text = message(Sample { indices: vec![0, 1, 9], ..Sample::default() }.load());
+    assert!(text.contains("index 9 of only 4 vertices"), "{text}");
+
+    assert!(message(Sample { mode: 1, ..Sample::default() }.load()).contains("no triangles"));
+
+    let extra = r#""extensionsRequired":["KHR_draco_mesh_compression"],
+        "extensionsUsed":["KHR_draco_mesh_compression"],"#;
+    let text = message(Sample { extra, ..Sample::default() }.load());
+    assert!(text.contains("KHR_draco_mesh_compression") && text.contains("without compression"), "{text}");
+
+    let cycle = r#","children":[0]"#;
+    assert!(message(Sample { node: cycle, ..Sample::default() }.load()).contains("ancestor"));
+}
+
+#[test]
+fn missing_and_short_files_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("hut.gltf");
+    let sample = Sample::default();
+    std::fs::write(&path, sample.json("lost.bin", 60)).unwrap();
+    let text = message(load(&path));
+    assert!(text.contains("hut.gltf") && text.contains("lost.bin"), "{text}");
+    std::fs::write(dir.path().join("lost.bin"), [0; 10]).unwrap();
+    assert!(message(load(&path)).contains("10 of 60 bytes"));
+    let texture = r#""materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],
+        "textures":[{"source":0}],"images":[{"uri":"wall.png"}],"#;
+    let sample = Sample { extra: texture, ..Sample::default() };
+    std::fs::write(dir.path().join("lost.bin"), sample.bytes()).unwrap();
+    std::fs::write(&path, sample.json("lost.bin", 60)).unwrap();
+    assert!(message(load(&path)).contains("wall.png"));
+    assert!(message(load(&dir.path().join("none.glb"))).contains("none.glb"));
+}
+
+#[test]
+fn damaged_files_never_panic() {
+    let sample = Sample::default();
+    let bytes = sample.bytes();
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("b.bin"), &bytes).unwrap();
+    let json = sample.json("b.bin", bytes.len()).into_bytes();
+    let path = dir.path().join("hut.gltf");
+    for at in (0..json.len()).step_by(5) {
+        for flip in [0x01, 0x08] {
+            let mut damaged = json.clone();
+            damaged[at] ^= flip;
+            std::fs::File::create(&path).unwrap().write_all(&damaged).unwrap();
+            let _ = load(&path);
+        }
+        std::fs::write(&path, &json[..at]).unwrap();
+        assert!(load(&path).is_err());
+    }
+}
