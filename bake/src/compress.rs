@@ -7,17 +7,20 @@
 //! rounding.
 
 mod quantise;
+mod residual;
 mod subspace;
 
 use crate::prior::Prior;
 use nalgebra::{DMatrix, DMatrixView};
 use quantise::{fit_rows, round_factors};
+pub use residual::{PatchResiduals, patch_residuals};
 use subspace::Factors;
 
 /// How far a compressed tile may be from the response.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target {
-    /// Relative error (rms under the prior) that a pixel as bright as white paint in the open may have.
+    /// Relative error (rms under the prior) that a pixel as bright as white paint in the open may have. Darker pixels may
+    /// have more, by the square root of their brightness.
     pub error: f64,
     /// Largest rank; at most 96.
     pub max_rank: usize,
@@ -104,7 +107,7 @@ impl<'a> Rows<'a> {
         let mut rms: Vec<f64> = seen.column_iter().map(|column| f64::from(column.norm())).collect();
         let brightest = rms.iter().copied().fold(0.0, f64::max);
         // Where a channel is this far below the tile's brightest, no display shows it.
-        rms.iter_mut().filter(|r| !(**r > 1e-7 * brightest)).for_each(|r| *r = 0.0);
+        rms.iter_mut().filter(|r| r.is_nan() || **r <= 1e-7 * brightest).for_each(|r| *r = 0.0);
         let importance = rms
             .iter()
             .map(|&r| if r > 0.0 { (r / prior.white_paint()).powf(DARK_POWER).clamp(DARK_FLOOR, 1.0) } else { 0.0 })

@@ -12,6 +12,10 @@ fn prior() -> &'static Prior {
     PRIOR.get_or_init(|| Prior::of_mixture(&set(), &Mixture { skies: 600, ..Mixture::default() }))
 }
 
+fn target() -> Target {
+    Target { error: 0.0035, ..Target::default() }
+}
+
 /// A level street between a wall and a post: each pixel's view of the patches is cut by two half planes.
 fn street(pixels: usize, noise: f64) -> Vec<f32> {
     let set = set();
@@ -54,7 +58,7 @@ fn relative_rmse(exact: &[f64], shown: &[f64]) -> f64 {
 #[test]
 fn fresh_skies_meet_the_target() {
     let response = street(256, 0.0);
-    let target = Target { error: 0.01, max_rank: 96 };
+    let target = Target { error: 0.01, max_rank: 96, ..target() };
     let tile = compress(&response, set().len(), prior(), &target);
     let fresh = draw_skies(&set(), &Mixture { seed: 4711, skies: 60, ..Mixture::default() });
     let mut errors: Vec<f64> = fresh
@@ -74,7 +78,7 @@ fn a_smaller_error_takes_more_rank_and_delivers() {
     let response = street(256, 0.0);
     let sky = &draw_skies(&set(), &Mixture { seed: 5, skies: 1, ..Mixture::default() })[0];
     let at = |error: f64| {
-        let tile = compress(&response, set().len(), prior(), &Target { error, max_rank: 96 });
+        let tile = compress(&response, set().len(), prior(), &Target { error, ..target() });
         let (exact, shown) = lit(&response, &tile, sky);
         (tile.rank, relative_rmse(&exact, &shown))
     };
@@ -85,7 +89,7 @@ fn a_smaller_error_takes_more_rank_and_delivers() {
 #[test]
 fn a_constant_sky_is_near_exact() {
     let response = street(256, 0.1);
-    let tile = compress(&response, set().len(), prior(), &Target { error: 0.01, max_rank: 96 });
+    let tile = compress(&response, set().len(), prior(), &Target { error: 0.01, max_rank: 96, ..target() });
     let (exact, shown) = lit(&response, &tile, &vec![1.0; set().len()]);
     assert!(relative_rmse(&exact, &shown) < 1e-3, "{}", relative_rmse(&exact, &shown));
 }
@@ -103,7 +107,7 @@ fn a_low_rank_tile_comes_back_to_rounding() {
                 .extend((0..patches).map(|p| (tint * (share * pattern[0][p] + (1.0 - share) * pattern[1][p])) as f32));
         }
     }
-    let tile = compress(&response, patches, prior(), &Target::default());
+    let tile = compress(&response, patches, prior(), &target());
     assert_eq!(tile.rank, 2);
     let worst = response.chunks_exact(patches).enumerate().fold(0.0f32, |worst, (i, row)| {
         let top = row.iter().fold(0.0f32, |a, &b| a.max(b));
@@ -116,23 +120,23 @@ fn a_low_rank_tile_comes_back_to_rounding() {
 #[test]
 fn black_tiles_pixels_and_channels_stay_black() {
     let patches = set().len();
-    let black = compress(&vec![0.0; patches * 3 * 7], patches, prior(), &Target::default());
+    let black = compress(&vec![0.0; patches * 3 * 7], patches, prior(), &target());
     assert_eq!((black.rank, black.pixels, black.row_scale.len()), (0, 7, 7));
     let mut response = street(20, 0.0);
     response[5 * 3 * patches..6 * 3 * patches].fill(0.0);
     response[(9 * 3 + 1) * patches..(9 * 3 + 2) * patches].fill(0.0);
-    let tile = compress(&response, patches, prior(), &Target::default());
+    let tile = compress(&response, patches, prior(), &target());
     assert_eq!(tile.row_scale[5], [0.0; 3]);
     assert!(tile.u[5 * tile.rank..6 * tile.rank].iter().all(|&u| u == 0));
     assert!(tile.row_scale[9][1] == 0.0 && tile.row_scale[9][0] > 0.0);
-    assert!(compress(&[], patches, prior(), &Target::default()).rank == 0);
+    assert!(compress(&[], patches, prior(), &target()).rank == 0);
 }
 
 #[test]
 fn one_pixel_and_one_patch() {
     let patches = set().len();
     let one = street(1, 0.0);
-    let tile = compress(&one, patches, prior(), &Target::default());
+    let tile = compress(&one, patches, prior(), &target());
     let (exact, shown) = lit(&one, &tile, &vec![1.0; patches]);
     assert_eq!((tile.pixels, tile.rank), (1, 2));
     assert!(relative_rmse(&exact, &shown) < 0.002);
@@ -141,14 +145,14 @@ fn one_pixel_and_one_patch() {
     for (row, values) in spots.chunks_exact_mut(patches).enumerate() {
         values[17] = 10f32.powi(-((row / 3) as i32 % 7));
     }
-    let tile = compress(&spots, patches, prior(), &Target::default());
+    let tile = compress(&spots, patches, prior(), &target());
     let (exact, shown) = lit(&spots, &tile, &vec![1.0; patches]);
     assert!(tile.rank == 2 && relative_rmse(&exact, &shown) < 0.001);
 }
 
 #[test]
 fn noise_buys_little_rank() {
-    let target = Target { error: 0.02, max_rank: 96 };
+    let target = Target { error: 0.02, max_rank: 96, ..target() };
     let rank = |noise: f64| compress(&street(256, noise), set().len(), prior(), &target).rank;
     let (clean, grainy) = (rank(0.0), rank(0.1));
     assert!(grainy <= clean + 12, "{clean} {grainy}");
@@ -157,8 +161,8 @@ fn noise_buys_little_rank() {
 #[test]
 fn the_same_bytes_every_time_and_codes_use_their_range() {
     let response = street(200, 0.05);
-    let once = compress(&response, set().len(), prior(), &Target::default());
-    assert_eq!(once, compress(&response, set().len(), prior(), &Target::default()));
+    let once = compress(&response, set().len(), prior(), &target());
+    assert_eq!(once, compress(&response, set().len(), prior(), &target()));
     assert_eq!(once.u.len(), once.pixels * once.rank);
     for channel in 0..3 {
         assert_eq!(once.v[channel].len(), once.rank * set().len());
@@ -172,6 +176,27 @@ fn the_same_bytes_every_time_and_codes_use_their_range() {
 
 #[test]
 fn the_rank_stays_under_its_cap() {
-    let tile = compress(&street(256, 0.6), set().len(), prior(), &Target { error: 1e-5, max_rank: 31 });
+    let tile = compress(&street(256, 0.6), set().len(), prior(), &Target { error: 1e-5, max_rank: 31, ..target() });
     assert_eq!(tile.rank, 30);
+}
+
+#[test]
+fn residuals_restore_a_single_bright_patch() {
+    let response = street(256, 0.3);
+    let patches = set().len();
+    let tile = compress(&response, patches, prior(), &Target { error: 0.05, ..target() });
+    let residuals = patch_residuals(&response, patches, &tile);
+    let mut torch = vec![0.0; patches];
+    torch[40] = 1.0;
+    let (exact, shown) = lit(&response, &tile, &torch);
+    let restored: Vec<f64> = shown
+        .iter()
+        .enumerate()
+        .map(|(i, s)| {
+            let code = residuals.codes[(40 * 3 + i % 3) * tile.pixels + i / 3];
+            s + f64::from(f32::from(code) * residuals.scale[40][i % 3])
+        })
+        .collect();
+    let (before, after) = (relative_rmse(&exact, &shown), relative_rmse(&exact, &restored));
+    assert!(before > 0.05 && after < 0.006, "{before} {after}");
 }
