@@ -79,7 +79,7 @@ pub struct Site {
 /// The weather of a simulated sky.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weather {
-    /// Haze: 1 is pure air, 3 a clear day, 10 thick haze.
+    /// Haze: 2 is very clear air, 3 a clear day, 10 thick haze.
     pub turbidity: f64,
     /// Share of the sky under cloud, 0 to 1.
     pub cloud_cover: f64,
@@ -92,9 +92,9 @@ pub struct Weather {
 pub struct CameraConfig {
     /// Folder of frames to replay, with its `frames.json`.
     pub frames: Option<PathBuf>,
-    /// Lens file; the built-in lens if none.
+    /// Lens file; a simulated camera has one of its own.
     pub lens: Option<PathBuf>,
-    /// Response curve file; identity if none.
+    /// Response curve file; linear if none, a simulated camera knows its own.
     pub response: Option<PathBuf>,
     /// What one unit of the merged radiance is multiplied by.
     pub radiance_scale: f64,
@@ -142,9 +142,9 @@ pub struct Limits {
 pub struct Config {
     /// The file itself.
     pub file: PathBuf,
-    /// Shown large, top left; empty for none.
+    /// Shown at the foot of the picture; empty for none.
     pub title: String,
-    /// Shown small, under the title; empty for none.
+    /// Shown after the title; empty for none.
     pub caption: String,
     /// The field file.
     pub field: PathBuf,
@@ -191,7 +191,7 @@ impl Config {
             health: r.path("health")?.unwrap_or_else(|| display.folder.join("health.json")),
             site: site(&r)?,
             weather: Weather {
-                turbidity: r.number("weather.turbidity", 1.0..=10.0)?.unwrap_or(3.0),
+                turbidity: r.number("weather.turbidity", 1.7..=10.0)?.unwrap_or(3.0),
                 cloud_cover: r.number("weather.cloud_cover", 0.0..=1.0)?.unwrap_or(0.0),
                 seed: r.whole("weather.seed", 0..=u64::from(u32::MAX))?.unwrap_or(1),
             },
@@ -225,6 +225,9 @@ impl Config {
                 "sky = \"replay\" needs its frames: add [camera] with frames = \"the folder that holds frames.json\""
                     .into(),
             )),
+            (SkyKind::Replay, Some(_)) if self.camera.lens.is_none() => {
+                Err(r.fault("camera.lens is missing: sky = \"replay\" needs the lens that took the frames".into()))
+            }
             (SkyKind::Simulated | SkyKind::Synthetic, Some(_)) => Err(r.fault(format!(
                 "camera.frames is only used with sky = \"replay\", not with sky = \"{name}\"; remove one of them"
             ))),

@@ -25,3 +25,4 @@ pub mod response;
 pub mod bracket;
 pub mod capture;
 pub mod smooth;
+pub mod cli;

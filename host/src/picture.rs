@@ -117,11 +117,20 @@ pub fn write_png(path: &Path, width: usize, height: usize, pixels_bgrx: &[u32]) 
     Ok(())
 }
 
-/// Tone-maps premultiplied linear radiance to pixels `0x00RRGGBB`: `round(255 * srgb(clamp(exposure * rgb)))`, in f64.
-pub fn tone_map(rgb: &[[f32; 3]], exposure: f64) -> Vec<u32> {
-    rgb.iter()
-        .map(|pixel| {
-            pixel.iter().fold(0, |packed, &channel| packed << 8 | u32::from(srgb_code(f64::from(channel) * exposure)))
+/// What a display shows, in f64: `round(255 * srgb(clamp(exposure * rgb + (1 - alpha) * view)))` per channel.
+///
+/// `rgb` is linear radiance premultiplied by `alpha` = coverage; the view's pixels are `0x00RRGGBB`, as the result's.
+pub fn composite(rgb: &[[f32; 3]], alpha: &[f32], exposure: f64, view_bgrx: &[u32]) -> Vec<u32> {
+    let pixels = rgb.iter().zip(alpha).zip(view_bgrx);
+    pixels
+        .map(|((rgb, &alpha), &view)| {
+            let [_, red, green, blue] = view.to_be_bytes();
+            let codes = [(rgb[0], red), (rgb[1], green), (rgb[2], blue)].map(|(radiance, behind)| {
+                let shown = exposure * f64::from(radiance);
+                // An uncovered pixel keeps the view's code exactly.
+                if alpha <= 0.0 { behind } else { srgb_code(shown + (1.0 - f64::from(alpha)) * srgb_linear(behind)) }
+            });
+            u32::from_be_bytes([0, codes[0], codes[1], codes[2]])
         })
         .collect()
 }
@@ -180,7 +189,15 @@ mod tests {
         }
         assert_eq!(srgb_code(f64::NAN), 0);
         assert!((0..=255).all(|code| srgb_code(srgb_linear(code)) == code));
-        assert_eq!(tone_map(&[[0.5, 0.09, 0.0]], 2.0), [0x00ff_7600]);
+    }
+
+    #[test]
+    fn the_view_shows_where_nothing_covers_it() {
+        let rgb = [[0.5, 0.09, 0.0], [0.0; 3], [0.25, 0.25, 0.25]];
+        let shown = composite(&rgb, &[1.0, 0.0, 0.5], 2.0, &[0x00ff_ffff, 0x0001_0203, 0x0000_0000]);
+        assert_eq!(shown[..2], [0x00ff_7600, 0x0001_0203]);
+        // Half covered, radiance 0.25 x 2 over black: linear 0.5.
+        assert_eq!(shown[2], 0x00bc_bcbc);
     }
 
     #[test]

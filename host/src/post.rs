@@ -146,12 +146,8 @@ impl<'p> Post<'p> {
 
     /// Asks the sky for new weights and keeps the old ones if there are none. True when there will be no more.
     fn look(&mut self, moment: Moment) -> bool {
-        match self.parts.sky.read(moment.unix_s) {
-            Ok(mut reading) => {
-                if !moment.trusted {
-                    reading.weights.sun = None;
-                    reading.sun = SunSource::None;
-                }
+        match self.parts.sky.read(moment) {
+            Ok(reading) => {
                 self.held = reading;
                 self.held_since_unix_s = Some(moment.unix_s);
                 self.weights = WeightsState::Fresh;

@@ -1,7 +1,9 @@
 //! Where a post's weights come from, moment by moment.
 
+pub mod captured;
 pub mod simulated;
 
+use crate::clock::Moment;
 use crate::weights::PatchWeights;
 use serde::Serialize;
 
@@ -39,9 +41,9 @@ pub enum SkyFault {
 
 /// Something that tells the light of a moment: a camera or a model.
 pub trait SkySource {
-    /// The light at a moment (Unix seconds).
+    /// The light at a moment. While its clock is not trusted no sun may be placed by it.
     ///
     /// # Errors
     /// [`SkyFault`]; the post holds what it had.
-    fn read(&mut self, unix_s: f64) -> Result<SkyReading, SkyFault>;
+    fn read(&mut self, moment: Moment) -> Result<SkyReading, SkyFault>;
 }

@@ -55,6 +55,10 @@ fn missing_and_contradicting_keys_are_named() {
     refused("sky = 'simulated'\n[display]\nkind = 'headless'\nfolder = 'o'\n", &["field is missing"]);
     refused(&LEAST.replace("latitude = 41.9\n", ""), &["site.latitude is missing"]);
     refused(&LEAST.replace("simulated", "replay"), &["needs its frames"]);
+    refused(
+        &format!("{}[camera]\nframes = 'f'\n", LEAST.replace("simulated", "replay")),
+        &["camera.lens is missing", "replay"],
+    );
     refused(&format!("{LEAST}[camera]\nlens = 'l.json'\n"), &["no camera"]);
     refused(&format!("{LEAST}[exposure]\nev = 2\n"), &["exposure.ev"]);
     refused(&format!("{LEAST}[run]\nspeed = 2\n"), &["run.start"]);

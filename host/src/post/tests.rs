@@ -47,7 +47,7 @@ impl Painter for Pixel {
 struct Script(Vec<Option<f32>>, usize);
 
 impl SkySource for Script {
-    fn read(&mut self, _unix_s: f64) -> Result<SkyReading, SkyFault> {
+    fn read(&mut self, _moment: Moment) -> Result<SkyReading, SkyFault> {
         let step = self.0.get(self.1).ok_or(SkyFault::Ended)?;
         self.1 += 1;
         let radiance = step.ok_or_else(|| SkyFault::Failed("camera unplugged".into()))?;
@@ -75,7 +75,7 @@ fn run(extra: &str, script: &[Option<f32>], broken: bool) -> (Result<PostReport,
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("POST.toml");
     let text = format!(
-        "field = 'a'\nsky = 'replay'\n[camera]\nframes = 'f'\n[display]\nkind = 'headless'\nfolder = '.'\n{extra}"
+        "field = 'a'\nsky = 'replay'\n[camera]\nframes = 'f'\nlens = 'l'\n[display]\nkind = 'headless'\nfolder = '.'\n{extra}"
     );
     std::fs::write(&file, text).unwrap();
     let config = Config::load(&file).unwrap();

@@ -1,6 +1,7 @@
 //! The light of a time and place through a clear-sky model, without a camera.
 
 use super::{SkyFault, SkyReading, SkySource, SunSource};
+use crate::clock::Moment;
 use crate::config::{Site, Weather};
 use crate::skymodel::{Atmosphere, SkyModel};
 use relume_firmware::patches::PatchSet;
@@ -32,10 +33,13 @@ pub fn atmosphere(site: Site, weather: Weather) -> Atmosphere {
 }
 
 impl SkySource for SimulatedSky {
-    fn read(&mut self, unix_s: f64) -> Result<SkyReading, SkyFault> {
-        let model = SkyModel::at(self.atmosphere.clone(), unix_s, self.site.place, self.north_deg)
+    fn read(&mut self, moment: Moment) -> Result<SkyReading, SkyFault> {
+        let model = SkyModel::at(self.atmosphere, moment.unix_s, self.site.place, self.north_deg)
             .map_err(|e| SkyFault::Failed(e.to_string()))?;
-        let weights = model.weights(&self.patches);
+        let mut weights = model.weights(&self.patches);
+        if !moment.trusted {
+            weights.sun = None;
+        }
         let sun = if weights.sun.is_some() { SunSource::Model } else { SunSource::None };
         Ok(SkyReading { weights, sun })
     }
@@ -52,12 +56,13 @@ mod tests {
         let site = Site { place, elevation_m: 0.0, ground_albedo: 0.2 };
         let weather = Weather { turbidity: 3.0, cloud_cover: 0.0, seed: 1 };
         let mut sky = SimulatedSky::new(site, weather, PatchSet::new(64).unwrap(), 0.0);
-        let noon = sky.read(parse_utc("2026-06-21T11:12:00Z").unwrap()).unwrap();
+        let at = |unix_s| Moment { unix_s, trusted: true };
+        let noon = sky.read(at(parse_utc("2026-06-21T11:12:00Z").unwrap())).unwrap();
         assert_eq!(noon.sun, SunSource::Model);
         // Solar noon at 12.5 degrees east is 12:00 - 50 min + 2 min; altitude 90 - 41.9 + 23.44.
-        let at = position_of(noon.weights.sun.unwrap().dir_world, 0.0);
-        assert!((at.azimuth_deg - 180.0).abs() < 2.0 && (at.altitude_deg - 71.5).abs() < 0.3, "{at:?}");
-        let night = sky.read(parse_utc("2026-06-21T23:00:00Z").unwrap()).unwrap();
+        let stands = position_of(noon.weights.sun.unwrap().dir_world, 0.0);
+        assert!((stands.azimuth_deg - 180.0).abs() < 2.0 && (stands.altitude_deg - 71.5).abs() < 0.3, "{stands:?}");
+        let night = sky.read(at(parse_utc("2026-06-21T23:00:00Z").unwrap())).unwrap();
         assert_eq!(night.sun, SunSource::None);
         assert!(night.weights.radiance[0][1] < 1e-3 * noon.weights.radiance[0][1]);
     }

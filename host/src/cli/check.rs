@@ -1,0 +1,148 @@
+//! `relume check`: what is wrong with a post, in plain words, before it opens.
+
+use super::args::{Command, place, required};
+use crate::config::{ClockConfig, Config, SkyKind};
+use crate::display::headless::Headless;
+use crate::failure::Failure;
+use crate::lens::Lens;
+use crate::relight::FieldFile;
+use crate::view::Still;
+use serde::Serialize;
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+pub(super) const COMMAND: Command = Command {
+    name: "check",
+    help: "\
+relume check POST.toml [--json]
+
+Reads the post's file and everything it names, and prints a table of what is well and what is not. Exit code 0 when the
+post can open, 2 when something must be put right first.
+
+  --json    the same as one JSON object on standard output
+",
+    act,
+};
+
+/// One line of the table.
+#[derive(Debug, Serialize)]
+struct Row {
+    what: &'static str,
+    ok: bool,
+    words: String,
+}
+
+#[derive(Debug, Default, Serialize)]
+struct Table {
+    rows: Vec<Row>,
+}
+
+impl Table {
+    /// Adds a line; hands the value on when all is well.
+    fn add<T>(&mut self, what: &'static str, found: Result<(T, String), impl Display>) -> Option<T> {
+        let (ok, words, value) = match found {
+            Ok((value, words)) => (true, words, Some(value)),
+            Err(error) => (false, error.to_string(), None),
+        };
+        self.rows.push(Row { what, ok, words });
+        value
+    }
+
+    fn text(&self) -> String {
+        let mark = |ok| if ok { "ok " } else { "BAD" };
+        self.rows.iter().map(|row| format!("{}  {:<8}  {}\n", mark(row.ok), row.what, row.words)).collect()
+    }
+}
+
+fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
+    use lexopt::prelude::{Long, Value};
+    let (mut file, mut json) = (None::<PathBuf>, false);
+    while let Some(arg) = parser.next()? {
+        match arg {
+            Long("json") => json = true,
+            Value(value) => place(value, &mut [&mut file])?,
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    let file = required(file, "POST.toml")?;
+    let table = check(&file);
+    if json {
+        super::say_json(&table)?
+    } else {
+        super::say(&table.text())?
+    }
+    match table.rows.iter().filter(|row| !row.ok).count() {
+        0 => Ok(()),
+        faults => Err(Failure::bad(format!("{}: {faults} to put right; see the table", file.display()))),
+    }
+}
+
+fn check(file: &Path) -> Table {
+    let mut table = Table::default();
+    let config = Config::load(file).map(|config| (config, format!("{}: every key is known", file.display())));
+    let Some(config) = table.add("file", config) else { return table };
+    let size = field(&config, &mut table);
+    if let Some(path) = &config.view {
+        let still = match size {
+            Some((width, height)) => Still::load_sized(path, width, height),
+            None => Still::load(path),
+        };
+        table.add("view", still.map(|s| ((), format!("{}: {}x{}", path.display(), s.width, s.height))));
+    }
+    sky(&config, &mut table);
+    let folder = &config.display.folder;
+    let display = Headless::open(folder, config.display.every, size.unwrap_or((1, 1)));
+    table.add("display", display.map(|_| ((), format!("pictures go to {}", folder.display()))));
+    let state = crate::outfile::check_writable(&config.health);
+    table.add("health", state.map(|()| ((), format!("{} can be written", config.health.display()))));
+    table.add("clock", clock(&config).map(|words| ((), words)));
+    table
+}
+
+fn field(config: &Config, table: &mut Table) -> Option<(usize, usize)> {
+    let opened = FieldFile::open(&config.field).map(|file| {
+        let field = file.field();
+        let size = (field.width(), field.height());
+        let patches = field.patch_set().len();
+        (size, format!("{}: {}x{}, {patches} patches", config.field.display(), size.0, size.1))
+    });
+    table.add("field", opened)
+}
+
+fn sky(config: &Config, table: &mut Table) {
+    if let Some(path) = &config.camera.lens {
+        table.add("lens", Lens::load(path).map(|_| ((), format!("{} is a lens", path.display()))));
+    }
+    if let Some(path) = &config.camera.response {
+        let curve = crate::response::Response::load(path);
+        table.add("response", curve.map(|_| ((), format!("{} is a response curve", path.display()))));
+    }
+    let words = match (config.sky, &config.camera.frames) {
+        (SkyKind::Replay, Some(frames)) => {
+            let camera = crate::camera::replay::ReplayCamera::open(frames, false);
+            table.add("camera", camera.map(|_| ((), format!("frames from {}", frames.display()))));
+            return;
+        }
+        (SkyKind::Simulated, _) => "simulated from time and place",
+        _ => "a simulated camera",
+    };
+    table.add("sky", Ok::<_, String>(((), words.to_string())));
+}
+
+fn clock(config: &Config) -> Result<String, String> {
+    let made = std::fs::metadata(&config.field).and_then(|meta| meta.modified()).ok();
+    let clock = crate::clock::PostClock::start(config.clock, made);
+    let now = clock.now(0);
+    let shown = crate::sun::format_utc(now.unix_s);
+    match (config.clock, now.trusted) {
+        (ClockConfig::Simulated { .. }, _) => Ok(format!("a simulated clock starts at {shown}")),
+        (_, true) => Ok(format!("the system's clock shows {shown}")),
+        (_, false) => Err(format!(
+            "the system's clock shows {shown}, before the field was made ({}); set it, or connect a time server",
+            made.unwrap_or(SystemTime::UNIX_EPOCH)
+                .duration_since(SystemTime::UNIX_EPOCH)
+                .map_or_else(|_| "?".into(), |t| crate::sun::format_utc(t.as_secs_f64()))
+        )),
+    }
+}

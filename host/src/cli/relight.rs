@@ -1,0 +1,244 @@
+//! `relume relight`: one picture of a field under one sky.
+
+use super::args::{Command, number, numbers, place, required};
+use crate::exact::Stack;
+use crate::exposure::{EV_RANGE, automatic};
+use crate::failure::{Failure, OrFail};
+use crate::map::RadianceMap;
+use crate::outfile::check_writable;
+use crate::painter::Painter;
+use crate::painter::field::FieldPainter;
+use crate::picture::{PictureFormat, composite, write_exr, write_png};
+use crate::relight::{FieldFile, Picture, Relighter};
+use crate::sun::position_of;
+use crate::view::Still;
+use crate::weights::{PatchWeights, SunWeight};
+use relume_firmware::field::Field;
+use serde::Serialize;
+use std::path::PathBuf;
+
+pub(super) const COMMAND: Command = Command {
+    name: "relight",
+    help: "\
+relume relight FIELD (--sky MAP | --weights W.csv | --light X,Y,Z) -o OUT.exr|OUT.png
+       [--env-rot DEG] [--view STILL] [--exposure EV] [--exact STACK_DIR] [--json]
+
+  --sky MAP          lat-long radiance map (.hdr, .exr); its sun becomes a light of its own
+  --env-rot DEG      turns the map about +Y; positive turns +Z towards +X
+  --weights W.csv    radiance per patch in the field's order, the sun's irradiance last
+  --light X,Y,Z      nothing but a sun in this direction (towards the light), irradiance 1 in R, G and B
+  --view STILL       PNG only: the picture behind, PNG or JPEG of the field's size; black if left out
+  --exposure EV      PNG only: radiance x 2^EV is display white at 1.
+                     Left out: 0.8 / the 99th percentile of the covered channel values of this picture
+  --exact STACK_DIR  sums the uncompressed stack in f64 instead of the field
+  -o OUT             .exr: linear radiance, 32-bit float, premultiplied by alpha = coverage
+                     .png: 8-bit sRGB over the view
+  --json             size, sun and exposure as one JSON object on standard output
+",
+    act,
+};
+
+enum Light {
+    Map(PathBuf),
+    Weights(PathBuf),
+    Direction([f64; 3]),
+}
+
+#[derive(Default)]
+struct Options {
+    field: Option<PathBuf>,
+    light: Option<Light>,
+    env_rot_deg: Option<f64>,
+    view: Option<PathBuf>,
+    exposure_ev: Option<f64>,
+    exact: Option<PathBuf>,
+    out: Option<PathBuf>,
+    json: bool,
+}
+
+/// What `--json` tells.
+#[derive(Serialize)]
+struct Told {
+    out: String,
+    width: usize,
+    height: usize,
+    sun: Option<ToldSun>,
+    exposure: Option<f64>,
+    exposure_ev: Option<f64>,
+    note: Option<String>,
+}
+
+#[derive(Serialize)]
+struct ToldSun {
+    dir_world: [f32; 3],
+    azimuth_deg: f64,
+    altitude_deg: f64,
+    irradiance: [f32; 3],
+}
+
+fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
+    let options = parse(&mut parser)?;
+    let out = required(options.out.as_ref(), "-o OUT.exr or -o OUT.png")?;
+    let format = PictureFormat::of(out)?;
+    options.check_use(format)?;
+    check_writable(out)?;
+    let file = FieldFile::open(required(options.field.as_ref(), "FIELD")?).or_bad()?;
+    let field = file.field();
+    let weights = options.weights(&field)?;
+    let told = match format {
+        PictureFormat::Exr => write_radiance(&options, field.clone(), &weights)?,
+        PictureFormat::Png => write_shown(&options, field.clone(), &weights)?,
+    };
+    tell(&options, &field, &weights, told)
+}
+
+fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
+    use lexopt::prelude::{Long, Short, Value};
+    let mut o = Options::default();
+    while let Some(arg) = parser.next()? {
+        match arg {
+            Long("sky") => o.set_light(Light::Map(parser.value()?.into()))?,
+            Long("weights") => o.set_light(Light::Weights(parser.value()?.into()))?,
+            Long("light") => o.set_light(Light::Direction(numbers(parser, "--light", "the direction x,y,z")?))?,
+            Long("env-rot") => o.env_rot_deg = Some(number(parser, "--env-rot", -360.0..=360.0)?),
+            Long("view") => o.view = Some(parser.value()?.into()),
+            Long("exposure") => o.exposure_ev = Some(number(parser, "--exposure", EV_RANGE)?),
+            Long("exact") => o.exact = Some(parser.value()?.into()),
+            Long("out") | Short('o') => o.out = Some(parser.value()?.into()),
+            Long("json") => o.json = true,
+            Value(value) => place(value, &mut [&mut o.field])?,
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    Ok(o)
+}
+
+impl Options {
+    fn set_light(&mut self, light: Light) -> Result<(), Failure> {
+        match self.light.replace(light) {
+            None => Ok(()),
+            Some(_) => Err(Failure::bad("give one of --sky, --weights and --light, and only once")),
+        }
+    }
+
+    /// Options that would silently do nothing are refused.
+    fn check_use(&self, format: PictureFormat) -> Result<(), Failure> {
+        let light = required(self.light.as_ref(), "the light: --sky MAP, --weights W.csv or --light X,Y,Z")?;
+        if self.env_rot_deg.is_some() && !matches!(light, Light::Map(_)) {
+            return Err(Failure::bad("--env-rot turns a map; it needs --sky"));
+        }
+        if format == PictureFormat::Exr && (self.view.is_some() || self.exposure_ev.is_some()) {
+            return Err(Failure::bad("an EXR holds linear radiance; --view and --exposure need -o OUT.png"));
+        }
+        Ok(())
+    }
+
+    fn weights(&self, field: &Field<'_>) -> Result<PatchWeights, Failure> {
+        let patches = field.patch_set();
+        match required(self.light.as_ref(), "the light")? {
+            Light::Map(path) => {
+                let map = RadianceMap::load(path).or_bad()?;
+                crate::split::weights(&map, patches, self.env_rot_deg.unwrap_or(0.0)).or_bad()
+            }
+            Light::Weights(path) => PatchWeights::load(path, patches).or_bad(),
+            Light::Direction(dir) => directional(*dir, patches.len()),
+        }
+    }
+
+    fn still(&self, width: usize, height: usize) -> Result<Still, Failure> {
+        match &self.view {
+            Some(path) => Still::load_sized(path, width, height).or_bad(),
+            None => Ok(Still::black(width, height)),
+        }
+    }
+
+    fn exact(&self, field: &Field<'_>, weights: &PatchWeights) -> Result<Option<Picture>, Failure> {
+        let Some(dir) = &self.exact else { return Ok(None) };
+        let picture = Stack::open(dir).or_bad()?.sum(weights).or_bad()?;
+        if (picture.width, picture.height) != (field.width(), field.height()) {
+            let (w, h) = (field.width(), field.height());
+            return Err(Failure::bad(format!(
+                "{}: the stack is {}x{} but the field is {w}x{h}; give the stack that the field was baked with",
+                dir.display(),
+                picture.width,
+                picture.height
+            )));
+        }
+        Ok(Some(picture))
+    }
+}
+
+/// A sun of irradiance 1 and no sky.
+fn directional(dir: [f64; 3], patches: usize) -> Result<PatchWeights, Failure> {
+    let length = dir.iter().map(|c| c * c).sum::<f64>().sqrt();
+    let [x, y, z] = dir;
+    if !(length.is_finite() && length > 1e-12 && y > 0.0) {
+        return Err(Failure::bad(format!("--light {x},{y},{z}: must point towards a light above the horizon (y > 0)")));
+    }
+    let sun = SunWeight { dir_world: dir.map(|c| (c / length) as f32), irradiance: [1.0; 3] };
+    Ok(PatchWeights { radiance: vec![[0.0; 3]; patches], sun: Some(sun) })
+}
+
+/// What came of it: the exposure factor, if one was used, and what should be known.
+type Used = (Option<f64>, Option<String>);
+
+fn write_radiance(options: &Options, field: Field<'_>, weights: &PatchWeights) -> Result<Used, Failure> {
+    let picture = match options.exact(&field, weights)? {
+        Some(picture) => picture,
+        None => {
+            let mut relighter = Relighter::new(field, 0);
+            relighter.set_weights(weights, 1.0).or_bad()?;
+            relighter.radiance()
+        }
+    };
+    let out = required(options.out.as_ref(), "-o")?;
+    write_exr(out, picture.width, picture.height, &picture.rgb, &picture.alpha)?;
+    Ok((None, None))
+}
+
+fn write_shown(options: &Options, field: Field<'_>, weights: &PatchWeights) -> Result<Used, Failure> {
+    let (width, height) = (field.width(), field.height());
+    let still = options.still(width, height)?;
+    let out = required(options.out.as_ref(), "-o")?;
+    let fixed = options.exposure_ev.map(|ev| 2f64.powf(ev));
+    if let Some(exact) = options.exact(&field, weights)? {
+        let exposure = fixed.or_else(|| automatic(&exact.rgb, &exact.alpha)).unwrap_or(1.0);
+        let pixels = composite(&exact.rgb, &exact.alpha, exposure, &still.pixels_bgrx);
+        write_png(out, width, height, &pixels)?;
+        return Ok((Some(exposure), None));
+    }
+    let mut painter = FieldPainter::new(field, still, 0);
+    let mut exposure = fixed.unwrap_or(1.0);
+    let mut note = painter.relight(weights, exposure as f32).or_bad()?;
+    if fixed.is_none() {
+        exposure = painter.wanted_exposure().unwrap_or(1.0);
+        note = painter.relight(weights, exposure as f32).or_bad()?;
+    }
+    painter.draw().or_runtime()?;
+    write_png(out, width, height, painter.pixels_bgrx())?;
+    Ok((Some(exposure), note))
+}
+
+fn tell(options: &Options, field: &Field<'_>, weights: &PatchWeights, used: Used) -> Result<(), Failure> {
+    let (exposure, note) = used;
+    let sun = weights.sun.map(|sun| {
+        let at = position_of(sun.dir_world, f64::from(field.camera().north_deg));
+        let (azimuth_deg, altitude_deg) = (at.azimuth_deg, at.altitude_deg);
+        ToldSun { dir_world: sun.dir_world, azimuth_deg, altitude_deg, irradiance: sun.irradiance }
+    });
+    match &sun {
+        Some(sun) => eprintln!(
+            "sun: azimuth {:.2}, altitude {:.2} degrees, irradiance {:?}",
+            sun.azimuth_deg, sun.altitude_deg, sun.irradiance
+        ),
+        None => eprintln!("sun: none"),
+    }
+    if let Some(exposure) = exposure {
+        eprintln!("exposure: {exposure:.6} (EV {:.3})", exposure.log2());
+    }
+    note.iter().for_each(|note| eprintln!("{note}"));
+    let out = options.out.as_ref().map(|out| out.display().to_string()).unwrap_or_default();
+    let (width, height) = (field.width(), field.height());
+    let exposure_ev = exposure.map(f64::log2);
+    if options.json { super::say_json(&Told { out, width, height, sun, exposure, exposure_ev, note }) } else { Ok(()) }
+}

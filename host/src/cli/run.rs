@@ -1,0 +1,86 @@
+//! `relume run`: the post.
+
+use super::args::{Command, place, required};
+use crate::clock::PostClock;
+use crate::config::{Config, SkyKind};
+use crate::display::headless::Headless;
+use crate::failure::{Failure, OrFail};
+use crate::painter::field::FieldPainter;
+use crate::post::{Parts, Post, PostReport};
+use crate::relight::FieldFile;
+use crate::sky_source::SkySource;
+use crate::sky_source::captured::CapturedSky;
+use crate::sky_source::simulated::SimulatedSky;
+use crate::view::Still;
+use relume_firmware::field::Field;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+pub(super) const COMMAND: Command = Command {
+    name: "run",
+    help: "\
+relume run POST.toml [--json]
+
+Captures, relights, composites and shows until told to stop (Ctrl-C, SIGTERM) or until a limit of [run] is reached.
+`relume check POST.toml` tells beforehand what is wrong. The state stands in health.json.
+
+  --json    what the post did, as one JSON object on standard output when it ends
+",
+    act,
+};
+
+fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
+    use lexopt::prelude::{Long, Value};
+    let (mut file, mut json) = (None::<PathBuf>, false);
+    while let Some(arg) = parser.next()? {
+        match arg {
+            Long("json") => json = true,
+            Value(value) => place(value, &mut [&mut file])?,
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    let config = Config::load(&required(file, "POST.toml")?).or_bad()?;
+    let stop = stop_on_signal()?;
+    let report = run(&config, &stop)?;
+    eprintln!("{} frames, {} drawn anew; ended: {}", report.frames, report.frames_changed, report.ended);
+    if json { super::say_json(&report) } else { Ok(()) }
+}
+
+/// A flag that Ctrl-C and SIGTERM set; the loop ends cleanly at the next frame.
+fn stop_on_signal() -> Result<Arc<AtomicBool>, Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        // A second signal ends the program at once, should the loop hang.
+        signal_hook::flag::register_conditional_shutdown(signal, 1, stop.clone()).or_runtime()?;
+        signal_hook::flag::register(signal, stop.clone()).or_runtime()?;
+    }
+    Ok(stop)
+}
+
+fn run(config: &Config, stop: &AtomicBool) -> Result<PostReport, Failure> {
+    let file = FieldFile::open(&config.field).or_bad()?;
+    let field = file.field();
+    let (width, height) = (field.width(), field.height());
+    let still = match &config.view {
+        Some(path) => Still::load_sized(path, width, height).or_bad()?,
+        None => Still::black(width, height),
+    };
+    let made = std::fs::metadata(&config.field).and_then(|meta| meta.modified()).ok();
+    let parts = Parts {
+        sky: sky_source(config, &field)?,
+        display: Box::new(Headless::open(&config.display.folder, config.display.every, (width, height))?),
+        painter: Box::new(FieldPainter::new(field.clone(), still, 0)),
+        clock: PostClock::start(config.clock, made),
+    };
+    Post::new(config, parts).run(stop)
+}
+
+/// The source of light that the post's file asks for.
+pub(super) fn sky_source(config: &Config, field: &Field<'_>) -> Result<Box<dyn SkySource>, Failure> {
+    let (patches, north_deg) = (*field.patch_set(), f64::from(field.camera().north_deg));
+    match (config.sky, config.site) {
+        (SkyKind::Simulated, Some(site)) => Ok(Box::new(SimulatedSky::new(site, config.weather, patches, north_deg))),
+        _ => Ok(Box::new(CapturedSky::open(config, patches, north_deg).or_bad()?)),
+    }
+}

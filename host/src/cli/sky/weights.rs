@@ -1,0 +1,115 @@
+//! `relume sky weights`: a radiance map into weights for a field's patches.
+
+use super::SunOption;
+use crate::bracket::{Merged, PixelState};
+use crate::capture::{Capture, CaptureSettings};
+use crate::cli::args::{number, numbers, place, required};
+use crate::failure::{Failure, OrFail};
+use crate::lens::Lens;
+use crate::map::RadianceMap;
+use crate::outfile::check_writable;
+use crate::relight::FieldFile;
+use crate::weights::PatchWeights;
+use relume_firmware::field::Field;
+use std::path::{Path, PathBuf};
+
+#[derive(Default)]
+struct Options {
+    map: Option<PathBuf>,
+    field: Option<PathBuf>,
+    lens: Option<PathBuf>,
+    sun: Option<[f64; 2]>,
+    env_rot_deg: Option<f64>,
+    out: Option<PathBuf>,
+}
+
+pub(super) fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
+    let options = parse(&mut parser)?;
+    let map = required(options.map.as_ref(), "MAP")?;
+    let out = required(options.out.as_ref(), "-o W.csv")?;
+    if options.lens.is_some() && options.env_rot_deg.is_some() {
+        return Err(Failure::bad("sky weights: the lens file already holds the orientation; leave out --env-rot"));
+    }
+    if options.lens.is_none() && options.sun.is_some() {
+        return Err(Failure::bad("sky weights: the sun of a lat-long map is found in it; --sun needs --lens"));
+    }
+    check_writable(out)?;
+    let file = FieldFile::open(required(options.field.as_ref(), "--field FIELD")?).or_bad()?;
+    let field = file.field();
+    let weights = match &options.lens {
+        Some(lens) => from_picture(map, &Lens::load(lens).or_bad()?, options.sun, &field)?,
+        None => {
+            let map = RadianceMap::load(map).or_bad()?;
+            crate::split::weights(&map, field.patch_set(), options.env_rot_deg.unwrap_or(0.0)).or_bad()?
+        }
+    };
+    weights.save(field.patch_set(), out).or_runtime()
+}
+
+fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
+    use lexopt::prelude::{Long, Short, Value};
+    let mut o = Options::default();
+    while let Some(arg) = parser.next()? {
+        match arg {
+            Long("field") => o.field = Some(parser.value()?.into()),
+            Long("lens") => o.lens = Some(parser.value()?.into()),
+            Long("sun") => o.sun = Some(numbers(parser, "--sun", "azimuth and altitude")?),
+            Long("env-rot") => o.env_rot_deg = Some(number(parser, "--env-rot", -360.0..=360.0)?),
+            Long("out") | Short('o') => o.out = Some(parser.value()?.into()),
+            Value(value) => place(value, &mut [&mut o.map])?,
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    Ok(o)
+}
+
+fn from_picture(path: &Path, lens: &Lens, sun: Option<[f64; 2]>, field: &Field<'_>) -> Result<PatchWeights, Failure> {
+    let merged = read_picture(path)?;
+    let north_deg = f64::from(field.camera().north_deg);
+    let settings = CaptureSettings { north_deg, ..CaptureSettings::default() };
+    let size = (merged.width, merged.height);
+    let mut capture = Capture::new(lens, size, *field.patch_set(), settings, None).or_bad()?;
+    let position = sun.map(|sun| SunOption::Position(sun).position(0.0)).transpose()?;
+    Ok(capture.weights(&merged, position).or_bad()?.weights)
+}
+
+/// A camera's linear picture, .hdr or .exr, of any shape.
+fn read_picture(path: &Path) -> Result<Merged, Failure> {
+    let told = |what: &str| Failure::bad(format!("{}: {what}", path.display()));
+    let is_exr = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"));
+    let (width, height, radiance) = if is_exr { read_exr(path) } else { read_hdr(path) }.map_err(|e| told(&e))?;
+    if radiance.iter().flatten().any(|v| !v.is_finite() || *v < 0.0) {
+        return Err(told("a pixel is negative or not finite; radiance must be neither"));
+    }
+    let state = vec![PixelState::Valid; radiance.len()];
+    Ok(Merged { width, height, radiance, state, captured_at_s: 0.0 })
+}
+
+type Pixels = (usize, usize, Vec<[f32; 3]>);
+
+fn read_exr(path: &Path) -> Result<Pixels, String> {
+    use exr::prelude::*;
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .rgb_channels(
+            |size, _| (size.width(), vec![[0.0f32; 3]; size.area()]),
+            |(width, pixels), at, (r, g, b): (f32, f32, f32)| pixels[at.y() * *width + at.x()] = [r, g, b],
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .map_err(|e| e.to_string())?;
+    let size = image.layer_data.size;
+    Ok((size.width(), size.height(), image.layer_data.channel_data.pixels.1))
+}
+
+fn read_hdr(path: &Path) -> Result<Pixels, String> {
+    let picture = image::ImageReader::open(path).map_err(|e| e.to_string())?;
+    let picture = picture.with_guessed_format().map_err(|e| e.to_string())?.decode().map_err(|e| e.to_string())?;
+    if !matches!(picture.color(), image::ColorType::Rgb32F) {
+        return Err("is no Radiance picture (.hdr); give what `relume sky merge` wrote".into());
+    }
+    let picture = picture.into_rgb32f();
+    Ok((picture.width() as usize, picture.height() as usize, picture.pixels().map(|p| p.0).collect()))
+}
