@@ -11,13 +11,17 @@ mod noise;
 mod order;
 mod stone;
 
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Vec2, Vec3};
 
 use crate::camera::Camera;
 use crate::scene::Scene;
 
 /// Latitude and longitude of the site, degrees north and east: a headland of the Aegean.
 pub const SITE_DEG: [f64; 2] = [37.6, 24.0];
+
+/// Where the viewing post stands and what it looks at, (x, z).
+const EYE: Vec2 = Vec2::new(33.5, 29.0);
+const AIM: Vec2 = Vec2::new(2.6, 0.0);
 
 /// The front looks this many degrees south of east.
 const TURN_DEG: f32 = 10.0;
@@ -42,11 +46,10 @@ fn temple_place() -> Affine3A {
 }
 
 fn viewpoint() -> Camera {
-    let (x, z) = (33.5, 29.0);
-    let eye = Vec3::new(x, land::height(x, z) + 2.6, z);
+    let eye = Vec3::new(EYE.x, land::height(EYE.x, EYE.y) + 2.6, EYE.y);
     Camera {
         position: eye.as_dvec3().to_array(),
-        target: [2.6, 5.0, 0.0],
+        target: Vec3::new(AIM.x, 5.0, AIM.y).as_dvec3().to_array(),
         up: [0.0, 1.0, 0.0],
         fov_y_deg: 34.0,
         north_deg: 0.0,

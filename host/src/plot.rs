@@ -17,6 +17,6 @@ mod chart;
 mod sheet;
 
 pub use axis::{Axis, Scale};
-pub use canvas::{Canvas, OVERSAMPLE, PlotError};
+pub use canvas::{Canvas, OVERSAMPLE};
 pub use chart::{Chart, Series, Style};
 pub use sheet::{Cell, contact_sheet};

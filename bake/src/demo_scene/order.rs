@@ -66,7 +66,7 @@ pub(super) fn capital(mesh: &mut Mesh) {
     let neck = RADII[1];
     let profile =
         [[neck - 0.01, 0.0], [neck + 0.03, 0.02], [neck + 0.13, 0.14], [neck + 0.205, 0.26], [neck + 0.21, 0.33]];
-    mesh.lathe(&profile.map(Vec2::from), 24, STONE);
+    mesh.lathe(&profile.map(Vec2::from), 18, STONE);
     mesh.block_at(Vec3::Y * (ECHINUS + 0.5 * ABACUS), Vec3::new(1.22, ABACUS, 1.22), STONE);
 }
 
