@@ -42,7 +42,8 @@
 //!  58  reserved, 0
 //!   U     i8, r/2 planes of n' pixel pairs: U[x][2j], U[x][2j+1] at (j*n' + x)*2; n' = n rounded up to 16
 //!   V     i8 [3][r][p'], p' = patches rounded up to 16 (filled with 0), then u16 [3][r] scales
-//!   rows  u16 [3][n'] row scales
+//!   rows  u16 [3][n'] row scales; their places rise with the tile's number and do not overlap, so that planes with
+//!         a value per covered pixel and channel (the sun's response) can share the layout
 //!
 //! response[x][c][i] = rows[c][x] 2^re[c] * sum_k U[x][k] * V[c][k][i] * scale[c][k] 2^ve[c]
 //! ```

@@ -170,9 +170,15 @@ impl<'a> TileSet<'a> {
             return Err(FieldError::Invalid("number of tiles"));
         }
         let mut set = TileSet { records, u, v, rows, tiles, patches, covered: 0 };
+        let mut rows_end = 0;
         for index in 0..set.tiles() {
             let record = TileRecord::decode(set.record(index));
             set.check_record(&record, coverage)?;
+            let rows_at = record.rows_place as usize * PLACE_UNIT;
+            if rows_at < rows_end {
+                return Err(FieldError::Invalid("order of the row scales"));
+            }
+            rows_end = rows_at + 6 * padded(usize::from(record.pixels));
             let (tx, ty) = (index as u32 % tiles.0, index as u32 / tiles.0);
             let edge = TILE_PX as u32;
             let (w, h) = ((width - tx * edge).min(edge) as usize, (height - ty * edge).min(edge) as usize);

@@ -26,3 +26,4 @@ pub mod bracket;
 pub mod capture;
 pub mod smooth;
 pub mod cli;
+pub mod relight;

@@ -21,14 +21,7 @@ pub fn sun_solid_angle_sr() -> f64 {
     std::f64::consts::TAU * (1.0 - (0.5 * SUN_DIAMETER_DEG).to_radians().cos())
 }
 
-/// The sun as a light of its own.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SunWeight {
-    /// Unit direction towards the sun.
-    pub dir_world: [f32; 3],
-    /// RGB irradiance on a plane normal to it, in the sky's radiance unit x sr.
-    pub irradiance: [f32; 3],
-}
+pub use relume_firmware::weights::SunWeight;
 
 /// Light per patch of a [`PatchSet`], and the sun.
 #[derive(Clone, Debug, PartialEq)]

@@ -21,9 +21,9 @@ impl<'f> FieldPainter<'f> {
     pub fn new(field: Field<'f>, view: Still, threads: usize) -> Self {
         let (width, height) = (field.width(), field.height());
         FieldPainter {
-            relighter: Relighter::new(field.clone(), threads),
-            view: View { width, height, pixels: view.pixels_bgrx },
-            framebuffer: Framebuffer { width, height, pixels: vec![0; width * height] },
+            relighter: Relighter::new(field, threads),
+            view: View::new(width, height, view.pixels_bgrx),
+            framebuffer: Framebuffer::new(width, height),
             field,
         }
     }

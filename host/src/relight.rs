@@ -1,0 +1,393 @@
+//! Field and weights into pictures: the tile loop around the firmware's kernels, with what each frame skipped.
+
+mod file;
+mod sunplane;
+
+pub use file::{FieldFile, FieldFileError};
+
+use crate::weights::PatchWeights;
+use rayon::prelude::*;
+use relume_firmware::composite::{ViewPixels, composite_tile};
+use relume_firmware::field::Field;
+use relume_firmware::kernel::{Kernel, SUN_SHIFT};
+use relume_firmware::relight::{Coefficients, LINEAR_BITS, LinearTile};
+use relume_firmware::surface::Surface;
+use relume_firmware::tile::{MAX_RANK, TILE_PIXELS, TILE_PX};
+use relume_firmware::tone::{STEEPEST_CODES, ToneTables};
+use relume_firmware::weights::{FixedWeights, SunWeight, WeightError};
+use std::sync::atomic::{AtomicU64, Ordering};
+use sunplane::SunPlane;
+
+/// A linear picture: premultiplied Rec.709 radiance in the weights' unit, and coverage.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `[height][width]`, row 0 at the top.
+    pub rgb: Vec<[f32; 3]>,
+    /// Coverage, 0..=1, same order.
+    pub alpha: Vec<f32>,
+}
+
+/// The real view behind, as 0x00RRGGBB sRGB pixels. Each new view has an identity of its own, so that a still costs
+/// nothing after its first frame.
+#[derive(Clone, Debug)]
+pub struct View {
+    width: usize,
+    height: usize,
+    pixels: Vec<u32>,
+    identity: u64,
+}
+
+static VIEWS: AtomicU64 = AtomicU64::new(1);
+
+impl View {
+    /// A view of `width * height` pixels; missing pixels are black.
+    pub fn new(width: usize, height: usize, mut pixels: Vec<u32>) -> Self {
+        pixels.resize(width * height, 0);
+        View { width, height, pixels, identity: VIEWS.fetch_add(1, Ordering::Relaxed) }
+    }
+
+    /// Width and height, px.
+    pub fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
+    /// Changes the pixels in place (a live camera's next frame) and gives the view a new identity.
+    pub fn pixels_mut(&mut self) -> &mut [u32] {
+        self.identity = VIEWS.fetch_add(1, Ordering::Relaxed);
+        &mut self.pixels
+    }
+}
+
+/// What is shown: 0x00RRGGBB pixels.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Framebuffer {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `[height][width]`.
+    pub pixels: Vec<u32>,
+}
+
+impl Framebuffer {
+    /// A black one.
+    pub fn new(width: usize, height: usize) -> Self {
+        Framebuffer { width, height, pixels: vec![0; width * height] }
+    }
+}
+
+/// What one frame did and what it was spared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct FrameCounters {
+    /// Tiles of the field.
+    pub tiles: usize,
+    /// Tiles without geometry: nothing is stored or read for them.
+    pub tiles_empty: usize,
+    /// Tiles drawn.
+    pub tiles_drawn: usize,
+    /// Tiles with geometry left as they were, because they would change by less than half a code.
+    pub tiles_kept: usize,
+    /// Patches of the field.
+    pub patches: usize,
+    /// Patches without light: not read.
+    pub patches_dark: usize,
+    /// Was there sun?
+    pub sun_up: bool,
+    /// Was the sun's response traced anew for this frame?
+    pub sun_traced: bool,
+}
+
+/// What a tile showed when it was last drawn.
+#[derive(Clone, Debug)]
+struct Drawn {
+    coefficients: Coefficients,
+    sun_q16: [u32; 3],
+    view: u64,
+}
+
+/// One tile's state from frame to frame.
+#[derive(Clone, Debug)]
+struct TileState {
+    coefficients: Coefficients,
+    drawn: Option<Drawn>,
+    /// Largest change of the sun's response plane since the tile was last drawn, in 1/32768, summed over retracings.
+    sun_drift: u32,
+    /// Largest value of the sun's response plane, in 1/32768.
+    sun_peak: u32,
+    /// Does the view show through anywhere?
+    shows_view: bool,
+    empty: bool,
+}
+
+/// Relights one field, frame after frame, on `threads` threads.
+pub struct Relighter<'f> {
+    field: Field<'f>,
+    kernel: Kernel,
+    tones: ToneTables,
+    pool: rayon::ThreadPool,
+    weights: FixedWeights,
+    given: PatchWeights,
+    sun: SunPlane,
+    states: Vec<TileState>,
+    max_rank: usize,
+    counters: FrameCounters,
+}
+
+/// A tile is kept when the bound on its change is below half an 8-bit code where the tone curve is steepest.
+const HALF_CODE: f32 = 0.5 / STEEPEST_CODES * (1 << LINEAR_BITS) as f32;
+
+impl<'f> Relighter<'f> {
+    /// A relighter on `threads` threads, 0 for one per core.
+    pub fn new(field: Field<'f>, threads: usize) -> Self {
+        Self::with_kernel(field, threads, Kernel::detect())
+    }
+
+    /// The same on a kernel of the caller's choice.
+    pub fn with_kernel(field: Field<'f>, threads: usize, kernel: Kernel) -> Self {
+        let tiles = field.response();
+        let states = (0..tiles.tiles()).map(|index| TileState::new(&field, index)).collect();
+        let patches = field.patch_set().len();
+        Relighter {
+            field,
+            kernel,
+            tones: ToneTables::new(),
+            pool: thread_pool(threads),
+            weights: FixedWeights::dark(patches),
+            given: PatchWeights { radiance: vec![[0.0; 3]; patches], sun: None },
+            sun: SunPlane::new(&field),
+            states,
+            max_rank: MAX_RANK,
+            counters: FrameCounters { tiles: tiles.tiles(), patches, ..FrameCounters::default() },
+        }
+    }
+
+    /// The field.
+    pub fn field(&self) -> &Field<'f> {
+        &self.field
+    }
+
+    /// The kernel path in use.
+    pub fn kernel(&self) -> Kernel {
+        self.kernel
+    }
+
+    /// Uses at most this many ranks per tile from the next weights on.
+    pub fn set_max_rank(&mut self, max_rank: usize) {
+        self.max_rank = max_rank;
+    }
+
+    /// Retraces the sun only when it has moved by more than this, degrees (0: whenever it has moved).
+    pub fn set_sun_step_deg(&mut self, step_deg: f64) {
+        self.sun.set_step_deg(step_deg);
+    }
+
+    /// Forgets what was drawn: the next [`Relighter::draw`] draws every tile.
+    pub fn invalidate(&mut self) {
+        self.states.iter_mut().for_each(|state| state.drawn = None);
+    }
+
+    /// Takes weights and an exposure (factor from radiance to display white): quantises and projects them, and traces
+    /// the sun's response if it has moved.
+    ///
+    /// # Errors
+    /// [`WeightError`]; everything then stays as it was.
+    pub fn set_weights(&mut self, given: &PatchWeights, exposure: f32) -> Result<(), WeightError> {
+        let sun = given.sun.filter(sun_is_up);
+        self.weights.set(&given.radiance, sun.as_ref(), exposure)?;
+        self.given.radiance.clone_from(&given.radiance);
+        self.given.sun = sun;
+        self.counters.patches_dark = self.weights.dark_patches();
+        self.counters.sun_up = sun.is_some();
+        self.counters.sun_traced = false;
+        if let Some(sun) = sun {
+            let changes = self.sun.follow(&self.field, sun.dir_world, self.kernel, &self.pool);
+            self.counters.sun_traced = changes.is_some();
+            for (state, change) in self.states.iter_mut().zip(changes.unwrap_or(&[])) {
+                state.sun_drift = state.sun_drift.saturating_add(change.largest);
+                state.sun_peak = change.peak;
+            }
+        }
+        let (field, weights, kernel, max_rank) = (&self.field, &self.weights, self.kernel, self.max_rank);
+        let states = &mut self.states;
+        self.pool.install(|| {
+            states.par_iter_mut().enumerate().with_min_len(16).for_each(|(index, state)| {
+                if !state.empty {
+                    let tile = field.response().tile(index);
+                    state.coefficients = Coefficients::project(&tile, weights, kernel, max_rank);
+                }
+            });
+        });
+        Ok(())
+    }
+
+    /// The linear picture of the newest weights, whatever their exposure was.
+    pub fn radiance(&mut self) -> Picture {
+        let (width, height) = (self.field.width(), self.field.height());
+        let mut picture =
+            Picture { width, height, rgb: vec![[0.0; 3]; width * height], alpha: vec![0.0; width * height] };
+        let exposure = reading_exposure(&self.given, &self.field);
+        let mut weights = FixedWeights::dark(self.given.radiance.len());
+        // The same weights were accepted before, and the exposure is finite.
+        if weights.set(&self.given.radiance, self.given.sun.as_ref(), exposure).is_err() {
+            return picture;
+        }
+        let scale = 1.0 / (f64::from(exposure) * f64::from(1u32 << LINEAR_BITS));
+        let (field, kernel, max_rank) = (&self.field, self.kernel, self.max_rank);
+        let sun = self.given.sun.map(|_| (self.sun.plane(), weights.sun_q16()));
+        let (columns, _) = field.response().grid();
+        let bands = picture.rgb.par_chunks_mut(width * TILE_PX).zip(picture.alpha.par_chunks_mut(width * TILE_PX));
+        self.pool.install(|| {
+            bands.enumerate().for_each(|(row, (rgb, alpha))| {
+                let mut linear = LinearTile::new();
+                for column in 0..columns {
+                    let index = row * columns + column;
+                    let tile = field.response().tile(index);
+                    Coefficients::project(&tile, &weights, kernel, max_rank).reconstruct(
+                        &tile,
+                        sun,
+                        kernel,
+                        &mut linear,
+                    );
+                    let coverage = field.coverage(index);
+                    for (k, pixel) in tile.covered().enumerate() {
+                        let at = pixel / TILE_PX * width + column * TILE_PX + pixel % TILE_PX;
+                        rgb[at] = linear.rgb(k).map(|value| (f64::from(value) * scale) as f32);
+                        alpha[at] = coverage.map_or(1.0, |c| f32::from(c[k]) / 255.0);
+                    }
+                }
+            });
+        });
+        picture
+    }
+
+    /// Draws the newest weights over `view`: only tiles that may change by half a code or more since they were last
+    /// drawn, or where a new view shows through. View and framebuffer must have the field's size.
+    pub fn draw(&mut self, view: &View, framebuffer: &mut Framebuffer) -> FrameCounters {
+        let (width, height) = (self.field.width(), self.field.height());
+        if framebuffer.pixels.len() != width * height {
+            *framebuffer = Framebuffer::new(width, height);
+            self.invalidate();
+        }
+        let (columns, _) = self.field.response().grid();
+        let drawing = Drawing {
+            field: &self.field,
+            kernel: self.kernel,
+            tones: &self.tones,
+            sun: self.given.sun.map(|_| (self.sun.plane(), self.weights.sun_q16())),
+            view,
+        };
+        let bands = framebuffer.pixels.par_chunks_mut(width * TILE_PX).zip(self.states.par_chunks_mut(columns));
+        let (drawn, kept, empty) = self.pool.install(|| {
+            bands
+                .enumerate()
+                .map(|(row, (pixels, states))| drawing.band(row, pixels, states))
+                .reduce(|| (0, 0, 0), |a, b| (a.0 + b.0, a.1 + b.1, a.2 + b.2))
+        });
+        FrameCounters { tiles_drawn: drawn, tiles_kept: kept, tiles_empty: empty, ..self.counters }
+    }
+}
+
+/// A sun at or below the horizon costs nothing and shows nothing.
+fn sun_is_up(sun: &SunWeight) -> bool {
+    sun.dir_world[1] >= 0.0 && sun.irradiance.iter().any(|&e| e > 0.0)
+}
+
+fn thread_pool(threads: usize) -> rayon::ThreadPool {
+    let build = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    // Without any thread to spare, work is done on the caller's.
+    build(threads)
+        .or_else(|_| rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build())
+        .unwrap_or_else(|error| {
+            eprintln!("relume: cannot start a thread: {error}");
+            std::process::exit(1)
+        })
+}
+
+/// A power of two that brings the picture near display white, so that fixed point keeps its precision: from the
+/// radiance that a white surface would show if it met all the light at once.
+fn reading_exposure(weights: &PatchWeights, field: &Field<'_>) -> f32 {
+    let set = field.patch_set();
+    let sky: f64 = weights
+        .radiance
+        .iter()
+        .enumerate()
+        .map(|(patch, rgb)| f64::from(rgb.iter().fold(0.0f32, |m, &v| m.max(v))) * f64::from(set.solid_angle_sr(patch)))
+        .sum();
+    let sun = weights.sun.map_or(0.0, |sun| f64::from(sun.irradiance.iter().fold(0.0f32, |m, &v| m.max(v))));
+    let white = (sky + sun) / std::f64::consts::PI;
+    if white > 0.0 { 2f64.powf(-white.log2().ceil()).clamp(1e-30, 1e30) as f32 } else { 1.0 }
+}
+
+impl TileState {
+    fn new(field: &Field<'_>, index: usize) -> Self {
+        let tile = field.response().tile(index);
+        TileState {
+            coefficients: Coefficients::ZERO,
+            drawn: None,
+            sun_drift: 0,
+            sun_peak: 0,
+            shows_view: tile.pixels() < TILE_PIXELS || field.coverage(index).is_some(),
+            empty: tile.pixels() == 0,
+        }
+    }
+
+    /// May this tile stay as it is?
+    fn unchanged(&self, sun_q16: [u32; 3], view: u64) -> bool {
+        let Some(drawn) = &self.drawn else { return false };
+        if self.shows_view && drawn.view != view {
+            return false;
+        }
+        let unit = (1u32 << SUN_SHIFT) as f32;
+        let sun: f32 = (0..3)
+            .map(|c| {
+                let moved = self.sun_drift as f32 * drawn.sun_q16[c].max(sun_q16[c]) as f32;
+                (moved + drawn.sun_q16[c].abs_diff(sun_q16[c]) as f32 * self.sun_peak as f32) / unit
+            })
+            .fold(0.0, f32::max);
+        self.coefficients.change_bound(&drawn.coefficients) + sun < HALF_CODE
+    }
+}
+
+/// What all bands of a frame share.
+struct Drawing<'a> {
+    field: &'a Field<'a>,
+    kernel: Kernel,
+    tones: &'a ToneTables,
+    sun: Option<(&'a [u16], [u32; 3])>,
+    view: &'a View,
+}
+
+impl Drawing<'_> {
+    /// Draws one row of tiles; returns how many were drawn, kept and empty.
+    fn band(&self, row: usize, pixels: &mut [u32], states: &mut [TileState]) -> (usize, usize, usize) {
+        let width = self.field.width();
+        let rows = pixels.len() / width;
+        let Ok(mut surface) = Surface::new(pixels, width, rows, width) else { return (0, 0, 0) };
+        let (mut drawn, mut kept, mut empty) = (0, 0, 0);
+        let mut linear = LinearTile::new();
+        let sun_q16 = self.sun.map_or([0; 3], |(_, q16)| q16);
+        let view = ViewPixels { pixels_xrgb: &self.view.pixels, stride: self.view.width };
+        let columns = states.len();
+        for (column, state) in states.iter_mut().enumerate() {
+            empty += usize::from(state.empty);
+            if state.unchanged(sun_q16, self.view.identity) {
+                kept += usize::from(!state.empty);
+                continue;
+            }
+            let index = row * columns + column;
+            let tile = self.field.response().tile(index);
+            state.coefficients.reconstruct(&tile, self.sun, self.kernel, &mut linear);
+            let at = (column * TILE_PX, row * TILE_PX);
+            let target = (&mut surface, row * TILE_PX);
+            composite_tile(&tile, &linear, self.field.coverage(index), &view, at, self.tones, target);
+            state.drawn = Some(Drawn { coefficients: state.coefficients, sun_q16, view: self.view.identity });
+            state.sun_drift = 0;
+            drawn += usize::from(!state.empty);
+        }
+        (drawn, kept, empty)
+    }
+}
