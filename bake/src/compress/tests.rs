@@ -58,7 +58,7 @@ fn relative_rmse(exact: &[f64], shown: &[f64]) -> f64 {
 #[test]
 fn fresh_skies_meet_the_target() {
     let response = street(256, 0.0);
-    let target = Target { error: 0.01, max_rank: 96, ..target() };
+    let target = Target { error: 0.01, max_rank: 96 };
     let tile = compress(&response, set().len(), prior(), &target);
     let fresh = draw_skies(&set(), &Mixture { seed: 4711, skies: 60, ..Mixture::default() });
     let mut errors: Vec<f64> = fresh
@@ -89,7 +89,7 @@ fn a_smaller_error_takes_more_rank_and_delivers() {
 #[test]
 fn a_constant_sky_is_near_exact() {
     let response = street(256, 0.1);
-    let tile = compress(&response, set().len(), prior(), &Target { error: 0.01, max_rank: 96, ..target() });
+    let tile = compress(&response, set().len(), prior(), &Target { error: 0.01, max_rank: 96 });
     let (exact, shown) = lit(&response, &tile, &vec![1.0; set().len()]);
     assert!(relative_rmse(&exact, &shown) < 1e-3, "{}", relative_rmse(&exact, &shown));
 }
@@ -152,7 +152,7 @@ fn one_pixel_and_one_patch() {
 
 #[test]
 fn noise_buys_little_rank() {
-    let target = Target { error: 0.02, max_rank: 96, ..target() };
+    let target = Target { error: 0.02, max_rank: 96 };
     let rank = |noise: f64| compress(&street(256, noise), set().len(), prior(), &target).rank;
     let (clean, grainy) = (rank(0.0), rank(0.1));
     assert!(grainy <= clean + 12, "{clean} {grainy}");
@@ -176,7 +176,7 @@ fn the_same_bytes_every_time_and_codes_use_their_range() {
 
 #[test]
 fn the_rank_stays_under_its_cap() {
-    let tile = compress(&street(256, 0.6), set().len(), prior(), &Target { error: 1e-5, max_rank: 31, ..target() });
+    let tile = compress(&street(256, 0.6), set().len(), prior(), &Target { error: 1e-5, max_rank: 31 });
     assert_eq!(tile.rank, 30);
 }
 
