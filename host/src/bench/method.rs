@@ -64,7 +64,7 @@ pub fn errors(method: &mut dyn Method, skies: &[BenchSky]) -> anyhow::Result<Vec
 ///
 /// # Errors
 /// If a method refuses a sky.
-pub fn time(methods: &mut [Box<dyn Method>], skies: &[BenchSky], rounds: usize) -> anyhow::Result<Vec<f64>> {
+pub fn time(methods: &mut [Box<dyn Method + '_>], skies: &[BenchSky], rounds: usize) -> anyhow::Result<Vec<f64>> {
     let mut times = vec![Vec::with_capacity(rounds); methods.len()];
     for (round, sky) in skies.iter().cycle().take(rounds + skies.len()).enumerate() {
         for (method, times) in methods.iter_mut().zip(&mut times) {
