@@ -152,7 +152,7 @@ struct Compression {
 
 /// Indirect sunlight is a fifth of the light or less, and its interpolation is no better than this.
 const SUN_INDIRECT_ERROR: f64 = 0.02;
-const SUN_INDIRECT_RANK: usize = 16;
+const SUN_INDIRECT_RANK: usize = 8;
 
 impl Compression {
     fn new(patches: &PatchSet, error: f64) -> Self {

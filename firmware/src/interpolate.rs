@@ -93,13 +93,13 @@ mod tests {
 
     #[test]
     fn continuous_over_zenith_horizon_and_patch_borders() {
-        let set = PatchSet::new(256).unwrap();
-        let step = 0.05f32;
+        let set = PatchSet::new(64).unwrap();
+        let step = 0.1f32;
         let mut worst = 0.0f32;
-        for azimuth in [0.0, 0.7, 3.1] {
+        for azimuth in [0.0, 3.1] {
             let mut last = weights(&set, towards(azimuth, -2.0));
             let peak = last.iter().fold(0.0f32, |a, &b| a.max(b));
-            for k in 1..3600 {
+            for k in 1..1800 {
                 let next = weights(&set, towards(azimuth, -2.0 + step * k as f32));
                 let change = last.iter().zip(&next).fold(0.0f32, |a, (l, n)| a.max((l - n).abs()));
                 worst = worst.max(change / peak);
