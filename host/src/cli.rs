@@ -1,12 +1,12 @@
 //! The command line: `relume COMMAND ...`; one file per command.
 
 mod args;
-// mod bench;
-// mod check;
+mod bench;
+mod check;
 // mod demo;
 mod devices;
-// mod relight;
-// mod run;
+mod relight;
+mod run;
 mod sky;
 
 use crate::failure::{Failure, OrFail};
@@ -28,9 +28,8 @@ relume: a vanished building, lit by the sky that is over its site now
 relume COMMAND --help tells a command's options. Exit codes: 0 done, 1 failed at run time, 2 bad arguments or input.
 ";
 
-// const COMMANDS: &[Command] =
-//     &[demo::COMMAND, run::COMMAND, relight::COMMAND, sky::COMMAND, bench::COMMAND, check::COMMAND, devices::COMMAND];
-const COMMANDS: &[Command] = &[sky::COMMAND, devices::COMMAND];
+const COMMANDS: &[Command] =
+    &[run::COMMAND, relight::COMMAND, sky::COMMAND, bench::COMMAND, check::COMMAND, devices::COMMAND];
 
 /// Runs one command; `args` are those after the program's name.
 ///

@@ -27,3 +27,4 @@ pub mod capture;
 pub mod smooth;
 pub mod cli;
 pub mod relight;
+pub mod sunband;

@@ -1,6 +1,6 @@
 //! Weights into the picture shown: what the loop needs from a field, and nothing else.
 
-// pub mod field;
+pub mod field;
 
 use crate::weights::PatchWeights;
 use relume_firmware::patches::PatchSet;

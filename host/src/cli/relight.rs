@@ -1,7 +1,7 @@
 //! `relume relight`: one picture of a field under one sky.
 
 use super::args::{Command, number, numbers, place, required};
-use crate::exact::Stack;
+// use crate::exact::Stack;
 use crate::exposure::{EV_RANGE, automatic};
 use crate::failure::{Failure, OrFail};
 use crate::map::RadianceMap;
@@ -85,6 +85,7 @@ fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     let file = FieldFile::open(required(options.field.as_ref(), "FIELD")?).or_bad()?;
     let field = file.field();
     let weights = options.weights(&field)?;
+    refuse_foreign_sun(&field, &weights)?;
     let told = match format {
         PictureFormat::Exr => write_radiance(&options, field.clone(), &weights)?,
         PictureFormat::Png => write_shown(&options, field.clone(), &weights)?,
@@ -152,19 +153,11 @@ impl Options {
         }
     }
 
-    fn exact(&self, field: &Field<'_>, weights: &PatchWeights) -> Result<Option<Picture>, Failure> {
-        let Some(dir) = &self.exact else { return Ok(None) };
-        let picture = Stack::open(dir).or_bad()?.sum(weights).or_bad()?;
-        if (picture.width, picture.height) != (field.width(), field.height()) {
-            let (w, h) = (field.width(), field.height());
-            return Err(Failure::bad(format!(
-                "{}: the stack is {}x{} but the field is {w}x{h}; give the stack that the field was baked with",
-                dir.display(),
-                picture.width,
-                picture.height
-            )));
+    fn exact(&self, _field: &Field<'_>, _weights: &PatchWeights) -> Result<Option<Picture>, Failure> {
+        match &self.exact {
+            Some(dir) => Err(Failure::bad(format!("--exact {}: comes with a later version", dir.display()))),
+            None => Ok(None),
         }
-        Ok(Some(picture))
     }
 }
 
@@ -177,6 +170,20 @@ fn directional(dir: [f64; 3], patches: usize) -> Result<PatchWeights, Failure> {
     }
     let sun = SunWeight { dir_world: dir.map(|c| (c / length) as f32), irradiance: [1.0; 3] };
     Ok(PatchWeights { radiance: vec![[0.0; 3]; patches], sun: Some(sun) })
+}
+
+/// A field that was baked for a site answers only the suns that can stand there.
+fn refuse_foreign_sun(field: &Field<'_>, weights: &PatchWeights) -> Result<(), Failure> {
+    let (Some([latitude, longitude]), Some(sun)) = (field.header().site, weights.sun) else { return Ok(()) };
+    let at = position_of(sun.dir_world, f64::from(field.camera().north_deg));
+    match crate::sunband::nearest(at, latitude.into()) {
+        None => Ok(()),
+        Some(_) => Err(Failure::bad(format!(
+            "the sun at azimuth {:.1}, altitude {:.1} degrees never stands at the field's site {latitude:.4}, \
+             {longitude:.4}; turn the map with --env-rot, or bake the field without --site",
+            at.azimuth_deg, at.altitude_deg
+        ))),
+    }
 }
 
 /// What came of it: the exposure factor, if one was used, and what should be known.

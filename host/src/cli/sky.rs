@@ -1,7 +1,7 @@
 //! `relume sky`: from a camera's frames to a radiance map to weights.
 
 mod merge;
-// mod weights;
+mod weights;
 
 use super::args::Command;
 use crate::failure::{Failure, OrFail};
@@ -32,7 +32,7 @@ fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     let task = parser.value().map_err(|_| Failure::bad("sky: name a task: merge or weights"))?;
     match task.to_string_lossy().as_ref() {
         "merge" => merge::act(parser),
-        // "weights" => weights::act(parser),
+        "weights" => weights::act(parser),
         task @ ("response" | "lens") => Err(Failure::bad(format!("sky {task}: comes with a later version"))),
         other => Err(Failure::bad(format!("sky {other}: unknown task; choose merge or weights"))),
     }

@@ -3,8 +3,10 @@
 use super::Painter;
 use crate::exposure::automatic;
 use crate::relight::{Framebuffer, Relighter, View};
+use crate::sun::{dir_world, position_of};
+use crate::sunband::nearest;
 use crate::view::Still;
-use crate::weights::PatchWeights;
+use crate::weights::{PatchWeights, SunWeight};
 use relume_firmware::field::Field;
 use relume_firmware::patches::PatchSet;
 
@@ -29,6 +31,24 @@ impl<'f> FieldPainter<'f> {
     }
 }
 
+impl FieldPainter<'_> {
+    /// The same weights with the sun moved into the band of the field's site, when it stands outside.
+    fn into_band(&self, weights: &PatchWeights) -> Option<(PatchWeights, String)> {
+        let [latitude, longitude] = self.field.header().site?;
+        let sun = weights.sun?;
+        let position = position_of(sun.dir_world, self.north_deg());
+        let near = nearest(position, latitude.into())?;
+        let mut moved = weights.clone();
+        let dir_world = dir_world(near, self.north_deg());
+        moved.sun = (near.altitude_deg > 0.0).then_some(SunWeight { dir_world, ..sun });
+        let note = format!(
+            "sun at azimuth {:.1}, altitude {:.1} is outside the field's site {latitude:.2}, {longitude:.2}; shown at {:.1}, {:.1}",
+            position.azimuth_deg, position.altitude_deg, near.azimuth_deg, near.altitude_deg
+        );
+        Some((moved, note))
+    }
+}
+
 impl Painter for FieldPainter<'_> {
     fn size(&self) -> (usize, usize) {
         (self.framebuffer.width, self.framebuffer.height)
@@ -43,8 +63,13 @@ impl Painter for FieldPainter<'_> {
     }
 
     fn relight(&mut self, weights: &PatchWeights, exposure: f32) -> anyhow::Result<Option<String>> {
+        let moved = self.into_band(weights);
+        let (weights, note) = match &moved {
+            Some((weights, note)) => (weights, Some(note.clone())),
+            None => (weights, None),
+        };
         self.relighter.set_weights(weights, exposure)?;
-        Ok(None)
+        Ok(note)
     }
 
     fn wanted_exposure(&mut self) -> Option<f64> {
