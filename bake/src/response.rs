@@ -48,7 +48,7 @@ impl Default for TransportOptions {
             direct_classes: 2,
             paths: 8,
             patch_group: 8,
-            sun_samples: 64,
+            sun_samples: 256,
         }
     }
 }
