@@ -157,9 +157,8 @@ fn study(methods: &mut [Box<dyn Method + '_>], skies: &[BenchSky]) -> anyhow::Re
         let name = method.name();
         let errors = method::errors(method.as_mut(), skies).with_context(|| name)?;
         let summary = summarise(&errors);
-        if let (Some(summary), RELUME_NAME) = (summary, name) {
-            let budget = method.budget().unwrap_or_default();
-            remark(&format!("{name}, {budget}: largest bias of a channel {:.4} %", 100.0 * summary.bias_worst));
+        if name == RELUME_NAME {
+            remark_errors(&method.budget().unwrap_or_default(), skies, &errors);
         }
         reports.push(MethodReport {
             name: name.to_owned(),
@@ -176,6 +175,21 @@ fn study(methods: &mut [Box<dyn Method + '_>], skies: &[BenchSky]) -> anyhow::Re
         report.cpu_ms_per_frame = 1e3 * seconds;
     }
     Ok(reports)
+}
+
+/// The log tells each sky's figures; the report only the median and the worst.
+fn remark_errors(budget: &str, skies: &[BenchSky], errors: &[Errors]) {
+    for (sky, e) in skies.iter().filter(|sky| sky.exact.is_some()).zip(errors) {
+        let sun = if sky.weights.sun.is_some() { "with sun" } else { "no sun" };
+        let [r, g, b] = e.bias.map(|bias| 100.0 * bias);
+        remark(&format!(
+            "{budget}, {} ({sun}): RMSE {:.3} %, bias {r:+.3} {g:+.3} {b:+.3} %, worst code {}, {:.3} % off by more than one",
+            sky.name,
+            100.0 * e.rmse,
+            e.worst_code,
+            100.0 * e.share_off_by_more_than_one
+        ));
+    }
 }
 
 fn finish(field: &Field<'_>, covered: usize, sun: bool, skies: &[BenchSky], methods: Vec<MethodReport>) -> BenchReport {
