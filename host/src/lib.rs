@@ -6,6 +6,7 @@ pub mod split;
 pub mod sun;
 pub mod weights;
 pub mod display;
+pub mod exact;
 pub mod exposure;
 pub mod picture;
 pub mod view;
@@ -27,4 +28,6 @@ pub mod capture;
 pub mod smooth;
 pub mod cli;
 pub mod relight;
+#[cfg(feature = "demo")]
+pub mod demo;
 pub mod sunband;

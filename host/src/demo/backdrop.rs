@@ -6,6 +6,7 @@
 use rayon::prelude::*;
 use relume_bake::camera::Camera;
 
+use crate::map::luminance;
 use crate::picture::srgb_code;
 use crate::skymodel::SkyModel;
 
@@ -32,6 +33,21 @@ pub(super) fn paint(sky: &SkyModel, camera: &Camera, (width, height): (u32, u32)
         code(0) << 16 | code(1) << 8 | code(2)
     };
     (0..width * height).into_par_iter().map(pixel).collect()
+}
+
+/// The largest exposure that leaves the brighter part of the visible sky on the display: 1.2 / the 75th percentile of
+/// its luminance over a coarse grid.
+pub(super) fn most_exposure(sky: &SkyModel, camera: &Camera, (width, height): (u32, u32)) -> f64 {
+    let view = camera.view(width, height);
+    let direction = |index: u32| {
+        let (x, y) = (index % 24 * width / 24, index / 24 * height / 16);
+        view.direction(x as f32, y as f32).to_array()
+    };
+    let above = (0..24 * 16).map(direction).filter(|direction| direction[1] > 0.0);
+    let mut values: Vec<f32> = above.map(|direction| luminance(sky.radiance(direction))).collect();
+    values.sort_by(f32::total_cmp);
+    let bright = values.get(values.len() * 3 / 4).copied().unwrap_or(0.0);
+    1.2 / f64::from(bright.max(f32::MIN_POSITIVE))
 }
 
 fn sea(sky: &SkyModel, direction: [f32; 3]) -> [f32; 3] {
