@@ -3,7 +3,7 @@
 mod args;
 mod bench;
 mod check;
-// mod demo;
+mod demo;
 mod devices;
 mod relight;
 mod run;
@@ -29,7 +29,7 @@ relume COMMAND --help tells a command's options. Exit codes: 0 done, 1 failed at
 ";
 
 const COMMANDS: &[Command] =
-    &[run::COMMAND, relight::COMMAND, sky::COMMAND, bench::COMMAND, check::COMMAND, devices::COMMAND];
+    &[demo::COMMAND, run::COMMAND, relight::COMMAND, sky::COMMAND, bench::COMMAND, check::COMMAND, devices::COMMAND];
 
 /// Runs one command; `args` are those after the program's name.
 ///

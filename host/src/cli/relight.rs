@@ -1,7 +1,7 @@
 //! `relume relight`: one picture of a field under one sky.
 
 use super::args::{Command, number, numbers, place, required};
-// use crate::exact::Stack;
+use crate::exact::Stack;
 use crate::exposure::{EV_RANGE, automatic};
 use crate::failure::{Failure, OrFail};
 use crate::map::RadianceMap;
@@ -153,11 +153,11 @@ impl Options {
         }
     }
 
-    fn exact(&self, _field: &Field<'_>, _weights: &PatchWeights) -> Result<Option<Picture>, Failure> {
-        match &self.exact {
-            Some(dir) => Err(Failure::bad(format!("--exact {}: comes with a later version", dir.display()))),
-            None => Ok(None),
-        }
+    fn exact(&self, field: &Field<'_>, weights: &PatchWeights) -> Result<Option<Picture>, Failure> {
+        let Some(dir) = &self.exact else { return Ok(None) };
+        let stack = Stack::open(dir).or_bad()?;
+        stack.check_field(field).or_bad()?;
+        stack.sum(weights).or_bad().map(Some)
     }
 }
 
