@@ -26,7 +26,7 @@ pub enum ViewError {
     },
     /// The still has another size than the field.
     #[error(
-        "{}: the view is {}x{} but the field is {}x{}; scale or crop the view to {2}x{3}, or bake the field for the view",
+        "{}: the view is {}x{} but the field is {}x{}; scale or crop the view to {3}x{4}, or bake the field for the view",
         path.display(), found.0, found.1, field.0, field.1
     )]
     Size {
@@ -104,7 +104,7 @@ mod tests {
         let path = folder.path().join("still.png");
         image::RgbImage::new(4, 3).save(&path).unwrap();
         let text = Still::load_sized(&path, 512, 384).unwrap_err().to_string();
-        assert!(text.contains("4x3") && text.contains("512x384") && text.contains("still.png"), "{text}");
+        assert!(text.contains("4x3") && text.contains("view to 512x384") && text.contains("still.png"), "{text}");
     }
 
     #[test]

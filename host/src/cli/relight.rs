@@ -87,8 +87,8 @@ fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     let weights = options.weights(&field)?;
     refuse_foreign_sun(&field, &weights)?;
     let told = match format {
-        PictureFormat::Exr => write_radiance(&options, field.clone(), &weights)?,
-        PictureFormat::Png => write_shown(&options, field.clone(), &weights)?,
+        PictureFormat::Exr => write_radiance(&options, field, &weights)?,
+        PictureFormat::Png => write_shown(&options, field, &weights)?,
     };
     tell(&options, &field, &weights, told)
 }

@@ -70,7 +70,7 @@ fn run(config: &Config, stop: &AtomicBool) -> Result<PostReport, Failure> {
     let parts = Parts {
         sky: sky_source(config, &field)?,
         display: Box::new(Headless::open(&config.display.folder, config.display.every, (width, height))?),
-        painter: Box::new(FieldPainter::new(field.clone(), still, 0)),
+        painter: Box::new(FieldPainter::new(field, still, 0)),
         clock: PostClock::start(config.clock, made),
     };
     Post::new(config, parts).run(stop)

@@ -33,7 +33,7 @@ impl<'f> FieldPainter<'f> {
 
 impl FieldPainter<'_> {
     /// The same weights with the sun moved into the band of the field's site, when it stands outside.
-    fn into_band(&self, weights: &PatchWeights) -> Option<(PatchWeights, String)> {
+    fn moved_into_band(&self, weights: &PatchWeights) -> Option<(PatchWeights, String)> {
         let [latitude, longitude] = self.field.header().site?;
         let sun = weights.sun?;
         let position = position_of(sun.dir_world, self.north_deg());
@@ -63,7 +63,7 @@ impl Painter for FieldPainter<'_> {
     }
 
     fn relight(&mut self, weights: &PatchWeights, exposure: f32) -> anyhow::Result<Option<String>> {
-        let moved = self.into_band(weights);
+        let moved = self.moved_into_band(weights);
         let (weights, note) = match &moved {
             Some((weights, note)) => (weights, Some(note.clone())),
             None => (weights, None),
