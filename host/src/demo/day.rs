@@ -19,6 +19,8 @@ use crate::weights::PatchWeights;
 
 /// 2 October 2026, 00:00 in Athens (UTC + 3).
 const MIDNIGHT_UNIX_S: f64 = 1_790_888_400.0;
+/// Haze of a fine day.
+pub(super) const TURBIDITY: f32 = 3.0;
 /// Pictures are made while the sun stands higher than this.
 const FIRST_LIGHT_DEG: f64 = -5.0;
 /// The eye does not make a dusk as bright as a noon: brightness shown ~ brightness to this power.
@@ -82,7 +84,13 @@ pub(super) struct Day<'s> {
 
 /// The air of the day: fine, with some cloud.
 fn atmosphere() -> Atmosphere {
-    Atmosphere { turbidity: 3.0, cloud_cover: 0.30, cloud_seed: 5, cloud_drift_per_s: 0.0015, ..Atmosphere::default() }
+    Atmosphere {
+        turbidity: TURBIDITY,
+        cloud_cover: 0.30,
+        cloud_seed: 5,
+        cloud_drift_per_s: 0.0015,
+        ..Atmosphere::default()
+    }
 }
 
 fn luminance(rgb: [f32; 3]) -> f64 {

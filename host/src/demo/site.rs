@@ -15,7 +15,7 @@ use crate::relight::FieldFile;
 use crate::sun::Place;
 
 /// Width and height of the pictures.
-pub(super) const SIZE: (u32, u32) = (360, 240);
+pub(super) const SIZE: (u32, u32) = (300, 200);
 
 /// What is baked, and how long that took.
 pub(super) struct Site {

@@ -5,10 +5,12 @@ use std::time::{Duration, Instant};
 use relume_bake::environment::{Environment, Reference, reference};
 
 use super::compare::{Blocks, Linear, against_reference};
-use super::day::{Day, Moment};
+use super::day::{Day, Moment, TURBIDITY};
 use super::site::{SIZE, Site};
 use crate::failure::{Failure, OrFail};
+use crate::map::luminance;
 use crate::relight::Picture;
+use crate::skymodel::clear_beam;
 
 /// Hours of the day that are traced: the front in raking light, noon, the flank in raking light.
 const HOURS: [f64; 3] = [9.0, 13.0, 17.0];
@@ -28,17 +30,22 @@ pub(super) struct Trace {
     pub camera: Blocks,
 }
 
-/// Traces the moments nearest to [`HOURS`] that have the sun out.
+/// Traces the moments nearest to [`HOURS`] that have the sun out: most of its light comes through.
 pub(super) fn three(site: &Site, day: &mut Day<'_>, hours: &[Moment]) -> Result<Vec<Trace>, Failure> {
     let mut traces: Vec<Trace> = Vec::new();
     for hour in HOURS {
-        let sunny = |index: &usize| hours[*index].weights.sun.is_some() && traces.iter().all(|t| t.moment != *index);
+        let sunny = |index: &usize| sun_is_out(&hours[*index]) && traces.iter().all(|trace| trace.moment != *index);
         let distance = |index: &usize| ((hours[*index].hour() - hour).abs() * 3600.0) as i64;
         if let Some(moment) = (0..hours.len()).filter(sunny).min_by_key(distance) {
             traces.push(trace(site, day, &hours[moment], moment)?);
         }
     }
     Ok(traces)
+}
+
+fn sun_is_out(moment: &Moment) -> bool {
+    let clear = clear_beam(moment.sun.altitude_deg as f32, TURBIDITY);
+    moment.truth.sun().is_some_and(|sun| luminance(sun.irradiance) > 0.8 * luminance(clear))
 }
 
 fn trace(site: &Site, day: &mut Day<'_>, moment: &Moment, index: usize) -> Result<Trace, Failure> {
