@@ -48,12 +48,10 @@ pub(super) fn against_reference(found: Linear<'_>, reference: Linear<'_>) -> Blo
             block.2 += 1;
         }
     }
-    let total = |pick: fn(&([f64; 3], [f64; 3], u32)) -> [f64; 3], channel| -> f64 {
-        blocks.iter().map(|block| pick(block)[channel]).sum()
-    };
     let bias = std::array::from_fn(|channel| {
-        let truth = total(|block| block.1, channel);
-        if truth > 0.0 { total(|block| block.0, channel) / truth - 1.0 } else { 0.0 }
+        let sum: f64 = blocks.iter().map(|block| block.0[channel]).sum();
+        let truth: f64 = blocks.iter().map(|block| block.1[channel]).sum();
+        if truth > 0.0 { sum / truth - 1.0 } else { 0.0 }
     });
     let full: Vec<_> = blocks.iter().filter(|block| block.2 >= 16).collect();
     let found: Vec<[f32; 3]> = full.iter().map(|b| b.0.map(|sum| (sum / f64::from(b.2)) as f32)).collect();

@@ -106,7 +106,7 @@ impl<'s> Day<'s> {
         let noon_s = MIDNIGHT_UNIX_S + 13.2 * 3600.0;
         let clear = Atmosphere { cloud_cover: 0.0, ..atmosphere() };
         let noon = SkyModel::at(clear, noon_s, Site::place(), 0.0).or_runtime()?.horizontal_irradiance();
-        let mut relighter = Relighter::new(field.clone(), 0);
+        let mut relighter = Relighter::new(field, 0);
         relighter.set_sun_step_deg(SUN_STEP_DEG);
         Ok(Day {
             site,
