@@ -89,7 +89,7 @@ mod tests {
         let (full, small) = (vec![1.0; 32 * 32], vec![1.0; 16 * 16]);
         let truth = vec![[1.0, 2.0, 4.0]; 16 * 16];
         let noisy = |at: usize| {
-            let gain = if at % 32 < 16 { 1.1 } else { 1.0 } + if (at + at / 32) % 2 == 0 { 0.3 } else { -0.3 };
+            let gain = if at % 32 < 16 { 1.1 } else { 1.0 } + if (at + at / 32).is_multiple_of(2) { 0.3 } else { -0.3 };
             [gain, 2.0 * gain, 4.0 * gain]
         };
         let picture: Vec<[f32; 3]> = (0..32 * 32).map(noisy).collect();
