@@ -1,8 +1,8 @@
 //! The job: scene -> response -> tiles -> field bytes, tile by tile.
 
 use crate::camera::Camera;
-use crate::compress::{CompressedTile, Target, compress};
-use crate::encode::{TileBytes, mask_of};
+use crate::compress::{CompressedTile, Target, compress, patch_residuals};
+use crate::encode::{TileBytes, mask_of, residual_block};
 use crate::prior::Prior;
 use crate::progress::Progress;
 use crate::report::Report;
@@ -170,8 +170,10 @@ impl Compression {
         let mask = mask_of(&tile.covered, tile.w.max(1));
         let encode = |compressed: &CompressedTile| TileBytes::new(compressed, mask, patches);
         let coverage = tile.covered.iter().map(|&at| tile.coverage[usize::from(at)]);
+        let response = compress(&tile.response, patches, &self.skies, &self.target);
         FieldTile {
-            response: encode(&compress(&tile.response, patches, &self.skies, &self.target)),
+            residuals: residual_block(&patch_residuals(&tile.response, patches, &response), response.pixels),
+            response: encode(&response),
             sun_indirect: encode(&compress(&tile.indirect, patches, &self.suns, &self.sun_target)),
             // A pixel in the mask is covered, however little.
             coverage: coverage.map(|share| (share * 255.0).round().clamp(1.0, 255.0) as u8).collect(),

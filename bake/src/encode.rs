@@ -1,7 +1,8 @@
 //! A compressed tile as the bytes of the field's layers (firmware/src/field.rs).
 
-use crate::compress::CompressedTile;
-use relume_firmware::tile::{ALL_WHOLE, MAX_RANK, TILE_PX, TileRecord, padded};
+use crate::compress::{CompressedTile, PatchResiduals};
+use relume_firmware::residual::RESIDUAL_ENTRY;
+use relume_firmware::tile::{ALL_WHOLE, MAX_RANK, PLACE_UNIT, TILE_PX, TileRecord, padded};
 
 /// The bytes of one tile of a tile set; places in `record` are still open.
 #[derive(Clone, Debug)]
@@ -71,6 +72,33 @@ impl TileBytes {
         };
         TileBytes { record, u, v, rows }
     }
+}
+
+/// A residual that never exceeds this response is not kept: a patch of 30 times the sky's mean radiance would show it
+/// as less than a third of a code in white paint (30 * 1e-4 / 3 of white paint's response to the whole sky).
+const RESIDUAL_FLOOR: f32 = 3e-5;
+
+/// A tile's block of RSDL (firmware/src/residual.rs); empty when no patch leaves anything worth keeping.
+pub fn residual_block(residuals: &PatchResiduals, pixels: usize) -> Vec<u8> {
+    let patches = residuals.scale.len();
+    let n = padded(pixels);
+    let mut block = vec![0u8; patches * RESIDUAL_ENTRY];
+    for (patch, scale) in residuals.scale.iter().enumerate() {
+        if scale.iter().all(|s| 127.0 * s < RESIDUAL_FLOOR) {
+            continue;
+        }
+        let place = (block.len() / PLACE_UNIT) as u32;
+        let entry = &mut block[patch * RESIDUAL_ENTRY..][..RESIDUAL_ENTRY];
+        entry[..4].copy_from_slice(&place.to_le_bytes());
+        for (c, s) in scale.iter().enumerate() {
+            entry[4 + 4 * c..8 + 4 * c].copy_from_slice(&s.to_le_bytes());
+        }
+        for codes in residuals.codes[patch * 3 * pixels..][..3 * pixels].chunks_exact(pixels) {
+            block.extend(codes.iter().map(|&code| code as u8));
+            block.resize(block.len() + n - pixels, 0);
+        }
+    }
+    if block.len() == patches * RESIDUAL_ENTRY { Vec::new() } else { block }
 }
 
 /// Scales that are not negative as u16 with one power of two, so that the largest uses all 16 bits.

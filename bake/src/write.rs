@@ -3,6 +3,7 @@
 use crate::encode::TileBytes;
 use relume_firmware::field::{HEADER, Header, LAYER_ALIGN, LAYER_CRITICAL, LAYER_ENTRY, Layer, LayerKind};
 use relume_firmware::glue::outfile::{OutError, write_whole};
+use relume_firmware::residual::NO_RESIDUAL;
 use relume_firmware::tile::{ALL_WHOLE, PLACE_UNIT};
 use std::io::Write;
 use std::path::Path;
@@ -43,6 +44,8 @@ pub struct FieldWriter {
     sun_indirect: TileSetBytes,
     blocks: Vec<u8>,
     fragments: Vec<u8>,
+    residual_places: Vec<u8>,
+    residuals: Vec<u8>,
     covered: u32,
 }
 
@@ -57,6 +60,8 @@ pub struct FieldTile {
     pub coverage: Vec<u8>,
     /// The tile's block of FRAG.
     pub fragments: Vec<u8>,
+    /// The tile's block of RSDL, empty if it has none.
+    pub residuals: Vec<u8>,
 }
 
 impl FieldWriter {
@@ -69,6 +74,8 @@ impl FieldWriter {
         self.sun_indirect.push(tile.sun_indirect, ALL_WHOLE);
         self.blocks.extend_from_slice(&((self.fragments.len() / 4) as u32).to_le_bytes());
         self.fragments.extend_from_slice(&tile.fragments);
+        let place = if tile.residuals.is_empty() { NO_RESIDUAL } else { append(&mut self.residuals, &tile.residuals) };
+        self.residual_places.extend_from_slice(&place.to_le_bytes());
     }
 
     /// Covered pixels so far.
@@ -87,7 +94,7 @@ impl FieldWriter {
         header.covered = self.covered;
         self.blocks.extend_from_slice(&((self.fragments.len() / 4) as u32).to_le_bytes());
         let (response, sun) = (self.response, self.sun_indirect);
-        let layers: [(LayerKind, u32, Vec<u8>); 14] = [
+        let layers: [(LayerKind, u32, Vec<u8>); 16] = [
             (*b"TILE", LAYER_CRITICAL, response.records),
             (*b"ROWS", LAYER_CRITICAL, response.rows),
             (*b"RESU", LAYER_CRITICAL, response.u),
@@ -101,6 +108,8 @@ impl FieldWriter {
             (*b"CBVH", LAYER_CRITICAL, nodes),
             (*b"FRGT", LAYER_CRITICAL, self.blocks),
             (*b"FRAG", LAYER_CRITICAL, self.fragments),
+            (*b"RSDT", 0, self.residual_places),
+            (*b"RSDL", 0, self.residuals),
             (*b"META", 0, meta.as_bytes().to_vec()),
         ];
         assemble(&header, &layers)

@@ -31,6 +31,8 @@
 //!   COVR                  coverage, u8 per covered pixel, 255 = whole; slots of whole tiles may be left out
 //!   SUNT SUNU SUNV SUNR   indirect sunlight: a tile set with the same masks, read only when the sun moves
 //!   CAST CBVH FRGT FRAG   direct sunlight: surfaces, their bounding volumes, and what each pixel sees (sunlight.rs)
+//!   RSDT RSDL             residuals of single patches, read only while a patch outshines the sky (residual.rs);
+//!                         may be left out
 //!   META                  UTF-8 JSON about the bake, for people
 //!
 //! a tile set: one 64-byte record per tile, tiles row by row
@@ -49,6 +51,7 @@
 //! ```
 
 use crate::patches::{MAX_PATCHES, PatchError, PatchSet};
+use crate::residual::Residuals;
 use crate::sunlight::SunSurfaces;
 use crate::tile::{TILE_RECORD, TileSet};
 
@@ -73,9 +76,9 @@ pub const MAX_LAYERS: u32 = 256;
 pub type LayerKind = [u8; 4];
 
 /// Kinds that this version reads.
-pub const KNOWN_LAYERS: [LayerKind; 14] = [
+pub const KNOWN_LAYERS: [LayerKind; 16] = [
     *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"SUNT", *b"SUNU", *b"SUNV", *b"SUNR", *b"CAST", *b"CBVH",
-    *b"FRGT", *b"FRAG", *b"META",
+    *b"FRGT", *b"FRAG", *b"META", *b"RSDT", *b"RSDL",
 ];
 
 /// What is wrong with a field; each message says what to do.
@@ -321,6 +324,7 @@ pub struct Field<'a> {
     header: Header,
     response: TileSet<'a>,
     coverage: &'a [u8],
+    residuals: Residuals<'a>,
     sun_indirect: TileSet<'a>,
     sun_surfaces: SunSurfaces<'a>,
     meta: &'a [u8],
@@ -362,8 +366,12 @@ impl<'a> Field<'a> {
         }
         let sun_surfaces =
             SunSurfaces::check([layer(*b"CAST")?, layer(*b"CBVH")?, layer(*b"FRGT")?, layer(*b"FRAG")?], &response)?;
+        let residuals = match (find_layer(bytes, *b"RSDT"), find_layer(bytes, *b"RSDL")) {
+            (Some(places), Some(blocks)) => Residuals::check(places, blocks, &response)?,
+            _ => Residuals::NONE,
+        };
         let meta = find_layer(bytes, *b"META").unwrap_or(&[]);
-        Ok(Field { bytes, header, response, coverage, sun_indirect, sun_surfaces, meta })
+        Ok(Field { bytes, header, response, coverage, residuals, sun_indirect, sun_surfaces, meta })
     }
 
     /// The header's facts.
@@ -394,6 +402,11 @@ impl<'a> Field<'a> {
     /// The response to the patches.
     pub fn response(&self) -> TileSet<'a> {
         self.response
+    }
+
+    /// Residuals of single patches.
+    pub fn residuals(&self) -> Residuals<'a> {
+        self.residuals
     }
 
     /// The indirect part of the response to the sun.

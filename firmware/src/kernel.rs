@@ -55,8 +55,24 @@ pub struct Reconstruction<'a> {
     pub sun: Option<(&'a [u16], [u32; 3])>,
 }
 
-/// Values are held within +-(2^30 - 1) before the sun is added, so that the sum cannot leave an i32.
-pub const LINEAR_LIMIT: i32 = (1 << 30) - 1;
+/// What [`Kernel::add_residual`] adds: one patch's residual times its weight.
+#[derive(Clone, Copy, Debug)]
+pub struct ResidualTerm<'a> {
+    /// Codes `[3][pixels]`, i8 as bytes.
+    pub codes: &'a [u8],
+    /// Padded pixels, a multiple of 16.
+    pub pixels: usize,
+    /// Weight times scale per channel, in 1/2^28 of display white; |value| <= [`RESIDUAL_LIMIT`].
+    pub factor: [i32; 3],
+}
+
+/// Values are held within +-(2^29 - 1) before the sun (below 2^30) and residuals (2^22 each) are added, so that the sum
+/// cannot leave an i32.
+pub const LINEAR_LIMIT: i32 = (1 << 29) - 1;
+/// Largest factor of a residual: with |code| <= 127 the product stays below 2^30.
+pub const RESIDUAL_LIMIT: i32 = (1 << 23) - 1;
+/// Right shift of code times factor (1/2^28) to 1/2^20.
+pub const RESIDUAL_SHIFT: u32 = 8;
 /// Right shift of response (1/32768) by the sun's weight (1/65536) to 1/2^20.
 pub const SUN_SHIFT: u32 = 11;
 
@@ -129,6 +145,47 @@ impl Kernel {
             #[cfg(target_arch = "aarch64")]
             #[allow(unsafe_code)]
             Path::Neon => unsafe { neon::reconstruct(job, out) },
+        }
+    }
+
+    /// Adds `code * factor`, rounded, to linear values of [`Kernel::reconstruct`].
+    ///
+    /// # Panics
+    /// If the slices' lengths contradict each other.
+    pub fn add_residual(self, term: &ResidualTerm<'_>, out: [&mut [i32]; 3]) {
+        let n = term.pixels;
+        assert!(n.is_multiple_of(16) && term.codes.len() == 3 * n && out.iter().all(|o| o.len() == n));
+        assert!(term.factor.iter().all(|f| (-RESIDUAL_LIMIT..=RESIDUAL_LIMIT).contains(f)));
+        match self.0 {
+            Path::Scalar => scalar::add_residual(term, out),
+            // SAFETY: `Kernel` holds this path only where the processor has AVX2; the lengths were checked above.
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            Path::Avx2 => unsafe { avx2::add_residual(term, out) },
+            // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
+            #[cfg(target_arch = "aarch64")]
+            #[allow(unsafe_code)]
+            Path::Neon => unsafe { neon::add_residual(term, out) },
+        }
+    }
+
+    /// Linear values (1/2^20 of display white) to 0x00RRGGBB by [`crate::tone::code`], for a multiple of 8 pixels.
+    ///
+    /// # Panics
+    /// If the slices' lengths differ or are no multiple of 8.
+    pub fn tone(self, linear: [&[i32]; 3], out_xrgb: &mut [u32]) {
+        let n = out_xrgb.len();
+        assert!(n.is_multiple_of(8) && linear.iter().all(|plane| plane.len() == n));
+        match self.0 {
+            Path::Scalar => scalar::tone(linear, out_xrgb),
+            // SAFETY: `Kernel` holds this path only where the processor has AVX2; the lengths were checked above.
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            Path::Avx2 => unsafe { avx2::tone(linear, out_xrgb) },
+            // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
+            #[cfg(target_arch = "aarch64")]
+            #[allow(unsafe_code)]
+            Path::Neon => unsafe { neon::tone(linear, out_xrgb) },
         }
     }
 }

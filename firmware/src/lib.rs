@@ -12,6 +12,7 @@ pub mod kernel;
 pub mod overlay;
 pub mod patches;
 pub mod relight;
+pub mod residual;
 pub mod sunlight;
 pub mod surface;
 pub mod tile;

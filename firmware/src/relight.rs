@@ -1,8 +1,9 @@
 //! Relighting of one tile: weights -> coefficients -> linear pixels.
 
 use crate::kernel::{Kernel, Projection, Reconstruction};
+use crate::residual::Residuals;
 use crate::tile::{MAX_RANK, TILE_PIXELS, Tile};
-use crate::weights::FixedWeights;
+use crate::weights::{FixedWeights, Standout};
 
 /// Binary places of a linear value: `1 << LINEAR_BITS` shows as display white.
 pub const LINEAR_BITS: i32 = 20;
@@ -91,6 +92,23 @@ impl Coefficients {
         };
         let [r, g, b] = &mut out.0;
         kernel.reconstruct(&job, [&mut r[..n], &mut g[..n], &mut b[..n]]);
+    }
+
+    /// Adds the residuals of the patches that outshine the sky to reconstructed values of tile number `index`.
+    pub fn add_residuals(
+        residuals: &Residuals<'_>,
+        (index, tile): (usize, &Tile<'_>),
+        standouts: &[Standout],
+        kernel: Kernel,
+        out: &mut LinearTile,
+    ) {
+        let n = tile.padded_pixels();
+        for standout in standouts {
+            if let Some(residual) = residuals.get(index, tile, usize::from(standout.patch)) {
+                let [r, g, b] = &mut out.0;
+                kernel.add_residual(&residual.term(standout.light, n), [&mut r[..n], &mut g[..n], &mut b[..n]]);
+            }
+        }
     }
 
     /// A bound on how far any linear value (1/2^20 of display white) of a tile moves from `drawn` to `self`:

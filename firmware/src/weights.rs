@@ -72,7 +72,23 @@ pub struct FixedWeights {
     lit_blocks: usize,
     dark_patches: usize,
     sun_q16: [u32; 3],
+    standouts: [Standout; MAX_STANDOUTS],
+    standout_count: usize,
 }
+
+/// A patch that outshines the sky: its residual is read.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Standout {
+    /// Patch.
+    pub patch: u16,
+    /// Radiance times exposure.
+    pub light: [f32; 3],
+}
+
+/// Most patches whose residuals are read for one picture.
+pub const MAX_STANDOUTS: usize = 8;
+/// A patch stands out when it is this many times as bright as the patches' mean.
+pub const STANDOUT_TIMES_MEAN: f32 = 2.5;
 
 /// Exponents are kept in this range so that shifts stay small; radiance times exposure from 1e-30 to 1e30.
 const EXPONENT_LIMIT: i32 = 110;
@@ -88,6 +104,8 @@ impl FixedWeights {
             lit_blocks: 0,
             dark_patches: patches,
             sun_q16: [0; 3],
+            standouts: [Standout { patch: 0, light: [0.0; 3] }; MAX_STANDOUTS],
+            standout_count: 0,
         }
     }
 
@@ -106,6 +124,7 @@ impl FixedWeights {
             self.set_channel(channel, radiance_linear, exposure);
         }
         self.find_lit();
+        self.find_standouts(radiance_linear, exposure);
         self.sun_q16 = sun.map_or([0; 3], |sun| sun.irradiance.map(|e| sun_q16(e * exposure)));
         Ok(())
     }
@@ -162,6 +181,32 @@ impl FixedWeights {
             }
         }
         self.dark_patches = (0..self.patches).filter(|&patch| !lit_at(self, patch)).count();
+    }
+
+    /// The brightest patches beyond [`STANDOUT_TIMES_MEAN`], brightest first; the lower number first among equals.
+    fn find_standouts(&mut self, radiance: &[[f32; 3]], exposure: f32) {
+        let bright = |rgb: &[f32; 3]| rgb[0].max(rgb[1]).max(rgb[2]);
+        let mean = radiance.iter().map(|rgb| f64::from(bright(rgb))).sum::<f64>() / radiance.len().max(1) as f64;
+        self.standout_count = 0;
+        for (patch, rgb) in radiance.iter().enumerate() {
+            if f64::from(bright(rgb)) <= f64::from(STANDOUT_TIMES_MEAN) * mean {
+                continue;
+            }
+            let light = rgb.map(|value| value * exposure);
+            let known = &self.standouts[..self.standout_count];
+            let at = known.iter().position(|s| bright(&s.light) < bright(&light)).unwrap_or(known.len());
+            if at < MAX_STANDOUTS {
+                let last = self.standout_count.min(MAX_STANDOUTS - 1);
+                self.standouts.copy_within(at..last, at + 1);
+                self.standouts[at] = Standout { patch: patch as u16, light };
+                self.standout_count = last + 1;
+            }
+        }
+    }
+
+    /// Patches whose residuals belong to the picture.
+    pub fn standouts(&self) -> &[Standout] {
+        &self.standouts[..self.standout_count]
     }
 
     /// Values of a channel, padded with zeros to a multiple of [`LANE_PAD`].
@@ -256,6 +301,21 @@ mod tests {
         assert!(matches!(weights.set(&sky, None, 0.0), Err(WeightError::Exposure(_))));
         let sun = SunWeight { dir_world: [0.0, 2.0, 0.0], irradiance: [1.0; 3] };
         assert_eq!(weights.set(&sky, Some(&sun), 1.0), Err(WeightError::Sun));
+    }
+
+    #[test]
+    fn the_brightest_patches_stand_out_in_order() {
+        let mut weights = FixedWeights::dark(64);
+        let mut sky = vec![[1.0; 3]; 64];
+        weights.set(&sky, None, 1.0).unwrap();
+        assert!(weights.standouts().is_empty());
+        for (k, patch) in [5usize, 60, 0, 33, 12, 50, 20, 21, 22, 23].into_iter().enumerate() {
+            sky[patch] = [100.0 + 10.0 * (k % 5) as f32; 3];
+        }
+        weights.set(&sky, None, 0.5).unwrap();
+        let found: vec::Vec<u16> = weights.standouts().iter().map(|s| s.patch).collect();
+        assert_eq!(found, [12, 23, 22, 33, 0, 21, 20, 60]);
+        assert_eq!(weights.standouts()[0].light, [70.0; 3]);
     }
 
     #[test]

@@ -10,7 +10,6 @@ mod dense;
 mod error;
 mod facts;
 mod figure;
-mod images;
 mod matrix;
 mod method;
 mod openblas;
@@ -26,9 +25,9 @@ pub use report::{BenchReport, DENSE_NAME, MethodReport, RELUME_NAME};
 
 use std::path::PathBuf;
 
+use crate::exact::Stack;
 use anyhow::Context;
 use dense::Dense;
-use images::Images;
 use method::{BenchSky, Method};
 use openblas::Blas;
 use relume_firmware::field::Field;
@@ -59,8 +58,9 @@ pub fn run(options: &Options) -> anyhow::Result<BenchReport> {
     let field = file.field();
     let covered = facts::covered(&field);
     anyhow::ensure!(!covered.is_empty(), "{}: no pixel is covered; bake another view", options.field.display());
-    let stack = options.stack.as_deref().map(|dir| Images::open(dir, &field)).transpose()?;
-    let stack_sun = stack.as_ref().and_then(Images::sun_dir_world);
+    let stack = options.stack.as_deref().map(Stack::open).transpose()?;
+    stack.as_ref().map_or(Ok(()), |stack| stack.check_field(&field))?;
+    let stack_sun = stack.as_ref().and_then(Stack::sun_dir_world);
     let mut skies = skies::load_skies(&options.skies, &field, stack_sun)?;
     if stack.is_some() {
         skies::leave_out_foreign_suns(&mut skies, stack_sun).iter().for_each(|note| remark(note));
@@ -74,13 +74,13 @@ pub fn run(options: &Options) -> anyhow::Result<BenchReport> {
     }
     let sunny = skies.iter().find(|sky| sky.weights.sun.is_some());
     if let Some(sky) = sunny {
-        let took_ms = 1e3 * relume::sun_trace_s(field.clone(), sky)?;
+        let took_ms = 1e3 * relume::sun_trace_s(field, sky)?;
         remark(&format!("tracing the sun takes {took_ms:.1} ms whenever it has moved; not part of the frames below"));
     }
     let mut methods: Vec<Box<dyn Method + '_>> = Vec::new();
     methods.extend(dense.map(|dense| Box::new(dense) as Box<dyn Method>));
     for ranks in relume::RANK_BUDGETS.into_iter().map(Some).chain([None]) {
-        methods.push(Box::new(relume::Relume::new(field.clone(), covered.clone(), ranks)));
+        methods.push(Box::new(relume::Relume::new(field, covered.clone(), ranks)));
     }
     let methods = study(&mut methods, &skies)?;
     Ok(finish(&field, covered.len(), sunny.is_some(), &skies, methods))
@@ -116,7 +116,7 @@ fn dense_sum(field: &Field<'_>, covered: &[u32], has_sun: bool) -> Option<Dense>
 
 /// One pass over the stack: the exact picture of every sky, their exposures, and the dense sum's columns.
 fn sum_stack(
-    stack: &Images,
+    stack: &Stack,
     covered: &[u32],
     skies: &mut Vec<BenchSky>,
     mut dense: Option<&mut Dense>,
@@ -142,7 +142,7 @@ fn sum_stack(
 
 /// Without a stack the field's own picture sets the exposures.
 fn expose_by_field(field: &Field<'_>, covered: &[u32], skies: &mut [BenchSky]) -> anyhow::Result<()> {
-    let mut relume = relume::Relume::new(field.clone(), covered.to_vec(), None);
+    let mut relume = relume::Relume::new(*field, covered.to_vec(), None);
     for sky in skies {
         let shown: Vec<[f64; 3]> = relume.radiance(sky)?.iter().map(|rgb| rgb.map(f64::from)).collect();
         sky.exposure = exposure_for(&shown).unwrap_or(1.0) as f32;

@@ -1,6 +1,7 @@
 //! The exact pictures: f64 sums over an uncompressed stack, for all skies in one pass over its images.
 
 use crate::relight::Picture;
+use crate::sun::angle_deg;
 use crate::weights::PatchWeights;
 use exr::prelude::{FlatSamples, read_first_flat_layer_from_file, read_first_rgba_layer_from_file};
 use rayon::prelude::*;
@@ -279,12 +280,6 @@ impl Stack {
 fn weight(sky: &PatchWeights, index: usize) -> [f64; 3] {
     let rgb = sky.radiance.get(index).copied();
     rgb.unwrap_or_else(|| sky.sun.map_or([0.0; 3], |sun| sun.irradiance)).map(f64::from)
-}
-
-/// Angle between two unit directions, degrees, from their chord: accurate where it is small.
-pub fn angle_deg(a: [f32; 3], b: [f32; 3]) -> f64 {
-    let chord: f64 = a.iter().zip(&b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>().sqrt();
-    (2.0 * (0.5 * chord).min(1.0).asin()).to_degrees()
 }
 
 #[cfg(test)]

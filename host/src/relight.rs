@@ -7,14 +7,14 @@ pub use file::{FieldFile, FieldFileError};
 
 use crate::weights::PatchWeights;
 use rayon::prelude::*;
-use relume_firmware::composite::{ViewPixels, composite_tile};
+use relume_firmware::composite::{Compositor, ViewPixels};
 use relume_firmware::field::Field;
 use relume_firmware::kernel::{Kernel, SUN_SHIFT};
 use relume_firmware::relight::{Coefficients, LINEAR_BITS, LinearTile};
 use relume_firmware::surface::Surface;
 use relume_firmware::tile::{MAX_RANK, TILE_PIXELS, TILE_PX};
-use relume_firmware::tone::{STEEPEST_CODES, ToneTables};
-use relume_firmware::weights::{FixedWeights, SunWeight, WeightError};
+use relume_firmware::tone::{LINEAR_SLOPE, ViewLight};
+use relume_firmware::weights::{FixedWeights, MAX_STANDOUTS, Standout, SunWeight, WeightError};
 use std::sync::atomic::{AtomicU64, Ordering};
 use sunplane::SunPlane;
 
@@ -106,6 +106,7 @@ pub struct FrameCounters {
 struct Drawn {
     coefficients: Coefficients,
     sun_q16: [u32; 3],
+    standouts: [Standout; MAX_STANDOUTS],
     view: u64,
 }
 
@@ -127,7 +128,7 @@ struct TileState {
 pub struct Relighter<'f> {
     field: Field<'f>,
     kernel: Kernel,
-    tones: ToneTables,
+    light: ViewLight,
     pool: rayon::ThreadPool,
     weights: FixedWeights,
     given: PatchWeights,
@@ -138,7 +139,7 @@ pub struct Relighter<'f> {
 }
 
 /// A tile is kept when the bound on its change is below half an 8-bit code where the tone curve is steepest.
-const HALF_CODE: f32 = 0.5 / STEEPEST_CODES * (1 << LINEAR_BITS) as f32;
+const HALF_CODE: f32 = 0.5 / LINEAR_SLOPE * (1 << LINEAR_BITS) as f32;
 
 impl<'f> Relighter<'f> {
     /// A relighter on `threads` threads, 0 for one per core.
@@ -154,7 +155,7 @@ impl<'f> Relighter<'f> {
         Relighter {
             field,
             kernel,
-            tones: ToneTables::new(),
+            light: ViewLight::new(),
             pool: thread_pool(threads),
             weights: FixedWeights::dark(patches),
             given: PatchWeights { radiance: vec![[0.0; 3]; patches], sun: None },
@@ -275,10 +276,14 @@ impl<'f> Relighter<'f> {
         let (columns, _) = self.field.response().grid();
         let drawing = Drawing {
             field: &self.field,
-            kernel: self.kernel,
-            tones: &self.tones,
+            compositor: Compositor {
+                view: ViewPixels { pixels_xrgb: &view.pixels, stride: view.width },
+                light: &self.light,
+                kernel: self.kernel,
+            },
             sun: self.given.sun.map(|_| (self.sun.plane(), self.weights.sun_q16())),
-            view,
+            standouts: self.weights.standouts(),
+            view: view.identity,
         };
         let bands = framebuffer.pixels.par_chunks_mut(width * TILE_PX).zip(self.states.par_chunks_mut(columns));
         let (drawn, kept, empty) = self.pool.install(|| {
@@ -335,30 +340,31 @@ impl TileState {
         }
     }
 
-    /// May this tile stay as it is?
-    fn unchanged(&self, sun_q16: [u32; 3], view: u64) -> bool {
+    /// May tile number `index` stay as it is?
+    fn unchanged(&self, index: usize, drawing: &Drawing<'_>) -> bool {
         let Some(drawn) = &self.drawn else { return false };
-        if self.shows_view && drawn.view != view {
+        if self.shows_view && drawn.view != drawing.view {
             return false;
         }
+        let sun_q16 = drawing.sun_q16();
         let unit = (1u32 << SUN_SHIFT) as f32;
-        let sun: f32 = (0..3)
-            .map(|c| {
-                let moved = self.sun_drift as f32 * drawn.sun_q16[c].max(sun_q16[c]) as f32;
-                (moved + drawn.sun_q16[c].abs_diff(sun_q16[c]) as f32 * self.sun_peak as f32) / unit
-            })
-            .fold(0.0, f32::max);
-        self.coefficients.change_bound(&drawn.coefficients) + sun < HALF_CODE
+        let sun = |c: usize| {
+            let moved = self.sun_drift as f32 * drawn.sun_q16[c].max(sun_q16[c]) as f32;
+            (moved + drawn.sun_q16[c].abs_diff(sun_q16[c]) as f32 * self.sun_peak as f32) / unit
+        };
+        let sun = sun(0).max(sun(1)).max(sun(2));
+        let bound = self.coefficients.change_bound(&drawn.coefficients) + sun;
+        bound < HALF_CODE && bound + drawing.residual_change(index, &drawn.standouts) < HALF_CODE
     }
 }
 
 /// What all bands of a frame share.
 struct Drawing<'a> {
     field: &'a Field<'a>,
-    kernel: Kernel,
-    tones: &'a ToneTables,
+    compositor: Compositor<'a>,
     sun: Option<(&'a [u16], [u32; 3])>,
-    view: &'a View,
+    standouts: &'a [Standout],
+    view: u64,
 }
 
 impl Drawing<'_> {
@@ -369,25 +375,56 @@ impl Drawing<'_> {
         let Ok(mut surface) = Surface::new(pixels, width, rows, width) else { return (0, 0, 0) };
         let (mut drawn, mut kept, mut empty) = (0, 0, 0);
         let mut linear = LinearTile::new();
-        let sun_q16 = self.sun.map_or([0; 3], |(_, q16)| q16);
-        let view = ViewPixels { pixels_xrgb: &self.view.pixels, stride: self.view.width };
         let columns = states.len();
         for (column, state) in states.iter_mut().enumerate() {
+            let index = row * columns + column;
             empty += usize::from(state.empty);
-            if state.unchanged(sun_q16, self.view.identity) {
+            if state.unchanged(index, self) {
                 kept += usize::from(!state.empty);
                 continue;
             }
-            let index = row * columns + column;
             let tile = self.field.response().tile(index);
-            state.coefficients.reconstruct(&tile, self.sun, self.kernel, &mut linear);
+            let kernel = self.compositor.kernel;
+            state.coefficients.reconstruct(&tile, self.sun, kernel, &mut linear);
+            let residuals = &self.field.residuals();
+            Coefficients::add_residuals(residuals, (index, &tile), self.standouts, kernel, &mut linear);
             let at = (column * TILE_PX, row * TILE_PX);
             let target = (&mut surface, row * TILE_PX);
-            composite_tile(&tile, &linear, self.field.coverage(index), &view, at, self.tones, target);
-            state.drawn = Some(Drawn { coefficients: state.coefficients, sun_q16, view: self.view.identity });
+            self.compositor.tile(&tile, &linear, self.field.coverage(index), at, target);
             state.sun_drift = 0;
+            state.drawn = Some(self.drawn(state.coefficients));
             drawn += usize::from(!state.empty);
         }
         (drawn, kept, empty)
+    }
+
+    fn sun_q16(&self) -> [u32; 3] {
+        self.sun.map_or([0; 3], |(_, q16)| q16)
+    }
+
+    fn drawn(&self, coefficients: Coefficients) -> Drawn {
+        let mut standouts = [Standout::default(); MAX_STANDOUTS];
+        standouts[..self.standouts.len()].copy_from_slice(self.standouts);
+        Drawn { coefficients, sun_q16: self.sun_q16(), standouts, view: self.view }
+    }
+
+    /// A bound on what residuals change in a tile that was drawn with `old` standouts, in 1/2^20 of display white.
+    fn residual_change(&self, index: usize, old: &[Standout]) -> f32 {
+        if self.standouts.is_empty() && old.iter().all(|s| s.light == [0.0; 3]) {
+            return 0.0;
+        }
+        let (tile, residuals) = (self.field.response().tile(index), self.field.residuals());
+        let light = |of: &[Standout], patch: u16| {
+            of.iter().find(|s| s.patch == patch && s.light != [0.0; 3]).map_or([0.0; 3], |s| s.light)
+        };
+        let change = |patch: u16| {
+            let Some(residual) = residuals.get(index, &tile, usize::from(patch)) else { return 0.0 };
+            let (new, old) = (light(self.standouts, patch), light(old, patch));
+            let step = |c: usize| (new[c] - old[c]).abs() * residual.scale[c];
+            127.0 * step(0).max(step(1)).max(step(2))
+        };
+        let gone = old.iter().filter(|s| light(self.standouts, s.patch) == [0.0; 3]);
+        let sum: f32 = self.standouts.iter().chain(gone).map(|s| change(s.patch)).sum();
+        sum * (1 << LINEAR_BITS) as f32 + 1.0
     }
 }

@@ -162,6 +162,12 @@ pub fn format_utc(unix_s: f64) -> String {
     format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z")
 }
 
+/// Angle between two unit directions, degrees, from their chord: accurate where it is small.
+pub fn angle_deg(a: [f32; 3], b: [f32; 3]) -> f64 {
+    let chord: f64 = a.iter().zip(&b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>().sqrt();
+    (2.0 * (0.5 * chord).min(1.0).asin()).to_degrees()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

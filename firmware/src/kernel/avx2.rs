@@ -1,6 +1,8 @@
 //! AVX2: 16 patches, or 8 pixels, per step.
 
-use super::{LINEAR_LIMIT, Projection, Reconstruction, SUN_SHIFT};
+use super::{LINEAR_LIMIT, Projection, RESIDUAL_SHIFT, Reconstruction, ResidualTerm, SUN_SHIFT};
+use crate::relight::LINEAR_BITS;
+use crate::tone::{CURVE, LINEAR_SLOPE, LINEAR_UNTIL};
 use core::arch::x86_64::*;
 
 /// # Safety
@@ -97,4 +99,55 @@ fn scaled_product<const SIGNED: bool>(a: __m256i, b: __m256i, round: __m256i, ri
     let even = _mm256_srl_epi64(_mm256_add_epi64(even, round), count);
     let odd = _mm256_srl_epi64(_mm256_add_epi64(odd, round), count);
     _mm256_blend_epi32::<0b1010_1010>(even, _mm256_slli_epi64::<32>(odd))
+}
+
+/// # Safety
+/// AVX2; lengths as `Kernel::add_residual` checks them.
+#[target_feature(enable = "avx2")]
+pub unsafe fn add_residual(term: &ResidualTerm<'_>, out: [&mut [i32]; 3]) {
+    let n = term.pixels;
+    let round = _mm256_set1_epi32(1 << (RESIDUAL_SHIFT - 1));
+    for (c, out) in out.into_iter().enumerate() {
+        let factor = _mm256_set1_epi32(term.factor[c]);
+        for x in (0..n).step_by(8) {
+            // SAFETY: the codes hold 3 n bytes, the output n i32, and x + 8 <= n.
+            unsafe {
+                let codes = _mm256_cvtepi8_epi32(_mm_loadl_epi64(term.codes.as_ptr().add(c * n + x).cast()));
+                let product = _mm256_add_epi32(_mm256_mullo_epi32(codes, factor), round);
+                let at = out.as_mut_ptr().add(x).cast();
+                let sum =
+                    _mm256_add_epi32(_mm256_loadu_si256(at), _mm256_srai_epi32::<{ RESIDUAL_SHIFT as i32 }>(product));
+                _mm256_storeu_si256(at, sum);
+            }
+        }
+    }
+}
+
+/// # Safety
+/// AVX2; lengths as `Kernel::tone` checks them.
+#[target_feature(enable = "avx2")]
+pub unsafe fn tone(linear: [&[i32]; 3], out_xrgb: &mut [u32]) {
+    for x in (0..out_xrgb.len()).step_by(8) {
+        // SAFETY: the planes and the output have the same length, a multiple of 8.
+        let [r, g, b] = linear.map(|plane| unsafe { codes(_mm256_loadu_si256(plane.as_ptr().add(x).cast())) });
+        let word = _mm256_or_si256(_mm256_or_si256(_mm256_slli_epi32::<16>(r), _mm256_slli_epi32::<8>(g)), b);
+        // SAFETY: as above.
+        unsafe { _mm256_storeu_si256(out_xrgb.as_mut_ptr().add(x).cast(), word) };
+    }
+}
+
+/// [`crate::tone::code`], step by step in the same order.
+#[target_feature(enable = "avx2")]
+fn codes(linear: __m256i) -> __m256i {
+    let held = _mm256_max_epi32(_mm256_min_epi32(linear, _mm256_set1_epi32(1 << LINEAR_BITS)), _mm256_setzero_si256());
+    let x = _mm256_mul_ps(_mm256_cvtepi32_ps(held), _mm256_set1_ps(1.0 / (1 << LINEAR_BITS) as f32));
+    let t = _mm256_sqrt_ps(_mm256_sqrt_ps(x));
+    let mut bright = _mm256_set1_ps(CURVE[0]);
+    for &coefficient in &CURVE[1..] {
+        bright = _mm256_add_ps(_mm256_mul_ps(bright, t), _mm256_set1_ps(coefficient));
+    }
+    let dark = _mm256_mul_ps(x, _mm256_set1_ps(LINEAR_SLOPE));
+    let is_dark = _mm256_cmp_ps::<_CMP_LE_OQ>(x, _mm256_set1_ps(LINEAR_UNTIL));
+    let code = _mm256_blendv_ps(bright, dark, is_dark);
+    _mm256_cvttps_epi32(_mm256_add_ps(code, _mm256_set1_ps(0.5)))
 }

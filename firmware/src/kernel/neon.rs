@@ -1,6 +1,8 @@
 //! NEON (`smlal`): 16 patches, or 8 pixels, per step. Part of the aarch64 baseline.
 
-use super::{LINEAR_LIMIT, Projection, Reconstruction, SUN_SHIFT};
+use super::{LINEAR_LIMIT, Projection, RESIDUAL_SHIFT, Reconstruction, ResidualTerm, SUN_SHIFT};
+use crate::relight::LINEAR_BITS;
+use crate::tone::{CURVE, LINEAR_SLOPE, LINEAR_UNTIL};
 use core::arch::aarch64::*;
 
 /// # Safety
@@ -91,4 +93,53 @@ fn sun(response: uint32x4_t, weight: u32) -> int32x4_t {
     let low = vrshrn_n_u64::<SHIFT>(vmull_u32(vget_low_u32(response), weight));
     let high = vrshrn_n_u64::<SHIFT>(vmull_u32(vget_high_u32(response), weight));
     vreinterpretq_s32_u32(vcombine_u32(low, high))
+}
+
+/// # Safety
+/// Lengths as `Kernel::add_residual` checks them.
+#[target_feature(enable = "neon")]
+pub unsafe fn add_residual(term: &ResidualTerm<'_>, out: [&mut [i32]; 3]) {
+    const SHIFT: i32 = RESIDUAL_SHIFT as i32;
+    let n = term.pixels;
+    for (c, out) in out.into_iter().enumerate() {
+        for x in (0..n).step_by(8) {
+            // SAFETY: the codes hold 3 n bytes, the output n i32, and x + 8 <= n.
+            unsafe {
+                let codes = vmovl_s8(vld1_s8(term.codes.as_ptr().add(c * n + x).cast()));
+                let low = vmulq_n_s32(vmovl_s16(vget_low_s16(codes)), term.factor[c]);
+                let high = vmulq_n_s32(vmovl_high_s16(codes), term.factor[c]);
+                let at = out.as_mut_ptr().add(x);
+                vst1q_s32(at, vaddq_s32(vld1q_s32(at), vrshrq_n_s32::<SHIFT>(low)));
+                vst1q_s32(at.add(4), vaddq_s32(vld1q_s32(at.add(4)), vrshrq_n_s32::<SHIFT>(high)));
+            }
+        }
+    }
+}
+
+/// # Safety
+/// Lengths as `Kernel::tone` checks them.
+#[target_feature(enable = "neon")]
+pub unsafe fn tone(linear: [&[i32]; 3], out_xrgb: &mut [u32]) {
+    for x in (0..out_xrgb.len()).step_by(4) {
+        // SAFETY: the planes and the output have the same length, a multiple of 8.
+        let [r, g, b] = linear.map(|plane| unsafe { codes(vld1q_s32(plane.as_ptr().add(x))) });
+        let word = vorrq_u32(vorrq_u32(vshlq_n_u32::<16>(r), vshlq_n_u32::<8>(g)), b);
+        // SAFETY: as above.
+        unsafe { vst1q_u32(out_xrgb.as_mut_ptr().add(x), word) };
+    }
+}
+
+/// [`crate::tone::code`], step by step in the same order; no fused multiply-add, which would round once less.
+#[target_feature(enable = "neon")]
+fn codes(linear: int32x4_t) -> uint32x4_t {
+    let held = vmaxq_s32(vminq_s32(linear, vdupq_n_s32(1 << LINEAR_BITS)), vdupq_n_s32(0));
+    let x = vmulq_n_f32(vcvtq_f32_s32(held), 1.0 / (1 << LINEAR_BITS) as f32);
+    let t = vsqrtq_f32(vsqrtq_f32(x));
+    let mut bright = vdupq_n_f32(CURVE[0]);
+    for &coefficient in &CURVE[1..] {
+        bright = vaddq_f32(vmulq_f32(bright, t), vdupq_n_f32(coefficient));
+    }
+    let dark = vmulq_n_f32(x, LINEAR_SLOPE);
+    let code = vbslq_f32(vcleq_f32(x, vdupq_n_f32(LINEAR_UNTIL)), dark, bright);
+    vcvtq_u32_f32(vaddq_f32(code, vdupq_n_f32(0.5)))
 }

@@ -1,6 +1,8 @@
 //! The normative kernels, in plain integers.
 
-use super::{LINEAR_LIMIT, Projection, Reconstruction, SUN_SHIFT};
+use super::{LINEAR_LIMIT, Projection, RESIDUAL_SHIFT, Reconstruction, ResidualTerm, SUN_SHIFT};
+use crate::surface::xrgb;
+use crate::tone;
 
 /// See [`super::Kernel::project`].
 pub fn project(job: &Projection<'_>, out: &mut [i32]) {
@@ -46,4 +48,20 @@ fn scale(sum: i32, row: i64, right: u32, left: u32) -> i32 {
 
 fn sun(response: u16, weight: u32) -> i32 {
     ((u64::from(response) * u64::from(weight) + (1 << (SUN_SHIFT - 1))) >> SUN_SHIFT) as i32
+}
+
+/// See [`super::Kernel::add_residual`].
+pub fn add_residual(term: &ResidualTerm<'_>, out: [&mut [i32]; 3]) {
+    for (c, out) in out.into_iter().enumerate() {
+        for (&code, value) in term.codes[c * term.pixels..].iter().zip(out) {
+            *value += (i32::from(code as i8) * term.factor[c] + (1 << (RESIDUAL_SHIFT - 1))) >> RESIDUAL_SHIFT;
+        }
+    }
+}
+
+/// See [`super::Kernel::tone`].
+pub fn tone(linear: [&[i32]; 3], out_xrgb: &mut [u32]) {
+    for (x, out) in out_xrgb.iter_mut().enumerate() {
+        *out = xrgb(linear.map(|plane| tone::code(plane[x])));
+    }
 }

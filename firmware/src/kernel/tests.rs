@@ -126,3 +126,44 @@ fn exact(job: &Reconstruction<'_>, c: usize, x: usize) -> i64 {
 fn this_machine_runs_a_vector_path() {
     assert_ne!(Kernel::detect(), Kernel::SCALAR);
 }
+
+#[test]
+fn residuals_equal_scalar_and_their_definition() {
+    let (fast, mut random) = (Kernel::detect(), Random(3));
+    for round in 0..100 {
+        let fill = FILLS[round % 4];
+        let n = 16 * (1 + random.below(16));
+        let codes: Vec<u8> = (0..3 * n).map(|k| signed(fill, &mut random, k, 127) as i8 as u8).collect();
+        let factor = core::array::from_fn(|c| signed(fill, &mut random, c, RESIDUAL_LIMIT));
+        let before = (1 << 30) - 1 + LINEAR_LIMIT;
+        let term = ResidualTerm { codes: &codes, pixels: n, factor };
+        let mut found = [Kernel::SCALAR, fast].map(|kernel| {
+            let mut out = vec![vec![before; n + 16]; 3];
+            let [r, g, b] = &mut out[..] else { unreachable!() };
+            kernel.add_residual(&term, [&mut r[8..8 + n], &mut g[8..8 + n], &mut b[8..8 + n]]);
+            out
+        });
+        assert_eq!(found[0], found[1], "{} {fill:?} n {n}", fast.name());
+        for (c, plane) in found[1].iter_mut().enumerate() {
+            for x in 0..n {
+                let exact = f64::from(codes[c * n + x] as i8) * f64::from(factor[c]) / 256.0;
+                assert!((f64::from(plane[8 + x]) - f64::from(before) - exact).abs() <= 0.5);
+            }
+            assert!(plane[..8].iter().chain(&plane[8 + n..]).all(|&guard| guard == before));
+        }
+    }
+}
+
+#[test]
+fn tone_equals_scalar_at_every_value() {
+    let fast = Kernel::detect();
+    let values: Vec<i32> = (-64..(1 << 20) + 64).collect();
+    let other: Vec<i32> = values.iter().map(|v| v.wrapping_mul(-77_777_777)).collect();
+    let last: Vec<i32> = values.iter().rev().copied().collect();
+    let [expected, found] = [Kernel::SCALAR, fast].map(|kernel| {
+        let mut out = vec![0; values.len()];
+        kernel.tone([&values, &other, &last], &mut out);
+        out
+    });
+    assert!(expected == found);
+}

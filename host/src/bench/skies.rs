@@ -5,13 +5,11 @@ use std::path::{Path, PathBuf};
 use relume_firmware::field::Field;
 
 use super::method::BenchSky;
+use crate::exact::SAME_SUN_DEG;
 use crate::map::RadianceMap;
 use crate::skymodel::{Atmosphere, SkyModel};
-use crate::sun::{SunPosition, position_of};
+use crate::sun::{SunPosition, angle_deg, position_of};
 use crate::weights::{PatchWeights, SunWeight};
-
-/// A stack's sun counts as a sky's sun up to this angle, degrees.
-pub const SAME_SUN_DEG: f64 = 0.1;
 
 /// Where the simulated skies' sun stands when the stack has none.
 const USUAL_SUN: SunPosition = SunPosition { azimuth_deg: 135.0, altitude_deg: 40.0 };
@@ -57,12 +55,6 @@ fn broken_sky(sun: SunPosition, north_deg: f64) -> SkyModel {
         SkyModel::new(air, sun, north_deg, 0.0)
     };
     (1..32).map(with_seed).find(|sky| beam(sky) >= least).unwrap_or_else(|| with_seed(32))
-}
-
-/// Angle between two unit directions, degrees; exact for small angles, where an arc cosine is not.
-pub fn angle_deg(a: [f32; 3], b: [f32; 3]) -> f64 {
-    let difference: f64 = (0..3).map(|k| (f64::from(a[k]) - f64::from(b[k])).powi(2)).sum::<f64>().sqrt();
-    2.0 * (0.5 * difference).min(1.0).asin().to_degrees()
 }
 
 /// Takes out of both sides every sun that the stack has no picture of, and returns a line for the log per sky so changed.

@@ -1,5 +1,6 @@
 //! The sun's response plane for one direction of the sun, traced anew when the sun has moved.
 
+use crate::sun::angle_deg;
 use rayon::prelude::*;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
@@ -72,12 +73,6 @@ impl SunPlane {
         self.dir_world = Some(dir_world);
         Some(&self.changes)
     }
-}
-
-/// Angle between unit vectors, from their chord: accurate where it is small.
-fn angle_deg(a: [f32; 3], b: [f32; 3]) -> f64 {
-    let chord: f64 = a.iter().zip(&b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>().sqrt();
-    (2.0 * (0.5 * chord).min(1.0).asin()).to_degrees()
 }
 
 /// The plane cut into the tiles' slots, in tile order. Places rise with the tile number in files of `relume-bake`;
