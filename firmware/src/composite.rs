@@ -20,6 +20,15 @@ impl ViewPixels<'_> {
     fn at(&self, x: usize, y: usize) -> u32 {
         self.pixels_xrgb.get(y * self.stride + x).copied().unwrap_or(0)
     }
+
+    /// Copies a part of row `y` from `x` on; what the view lacks is black.
+    fn copy_row(&self, x: usize, y: usize, out: &mut [u32]) {
+        let from = y * self.stride + x;
+        match self.pixels_xrgb.get(from..from + out.len()) {
+            Some(row) => out.copy_from_slice(row),
+            None => out.fill(0),
+        }
+    }
 }
 
 /// What all tiles of a frame are composited with.
@@ -55,11 +64,20 @@ impl Compositor<'_> {
         let mut next = 0;
         for y in 0..height {
             let row = &mut surface.row_mut(y0 + y - surface_y0)[x0..x0 + width];
+            let own = &shown[y * TILE_PX..][..TILE_PX];
             if whole {
-                row.copy_from_slice(&shown[y * TILE_PX..][..width]);
+                // A row of known length is copied without a call.
+                match <&mut [u32; TILE_PX]>::try_from(&mut *row) {
+                    Ok(row) => row.copy_from_slice(own),
+                    Err(_) => row.copy_from_slice(&own[..width]),
+                }
                 continue;
             }
             let covered = u16::from_le_bytes([tile.record.mask[2 * y], tile.record.mask[2 * y + 1]]);
+            if covered == 0 {
+                self.view.copy_row(x0, y0 + y, row);
+                continue;
+            }
             for (x, out) in row.iter_mut().enumerate() {
                 if covered >> x & 1 == 0 {
                     *out = self.view.at(x0 + x, y0 + y);

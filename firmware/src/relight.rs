@@ -1,17 +1,27 @@
 //! Relighting of one tile: weights -> coefficients -> linear pixels.
 
+use crate::field::Field;
 use crate::kernel::{Kernel, Projection, Reconstruction};
-use crate::residual::Residuals;
 use crate::tile::{MAX_RANK, TILE_PIXELS, Tile};
 use crate::weights::{FixedWeights, Standout};
 
 /// Binary places of a linear value: `1 << LINEAR_BITS` shows as display white.
 pub const LINEAR_BITS: i32 = 20;
 
+/// Light beside the projected patches, the same for all tiles of a picture.
+#[derive(Clone, Copy, Debug)]
+pub struct TileLight<'a> {
+    /// The sun's response plane of the whole field (u16 in 1/32768, laid out like the row scales) and its weight
+    /// ([`FixedWeights::sun_q16`]); `None`: no sun.
+    pub sun: Option<(&'a [u16], [u32; 3])>,
+    /// Patches whose residuals are read ([`FixedWeights::standouts`]).
+    pub standouts: &'a [Standout],
+}
+
 /// A tile's coefficients for one set of weights.
 ///
 /// `linear[c][x] = (sum_k U[x][k] * q[c][k]) * row[c][x] >> right[c] << left[c]`, in 1/2^20 of display white.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug)]
 pub struct Coefficients {
     /// Pairs of |q| <= 32767: low half even rank, high half odd rank.
     pairs: [[i32; MAX_RANK / 2]; 3],
@@ -27,12 +37,10 @@ impl Coefficients {
 
     /// Projects the weights on a tile's V. `max_rank` limits the ranks used (rounded up to even); ranks are stored
     /// most important first.
-    pub fn project(tile: &Tile<'_>, weights: &FixedWeights, kernel: Kernel, max_rank: usize) -> Self {
-        let rank = tile.rank().min(max_rank.min(MAX_RANK).next_multiple_of(2));
-        let mut out = Coefficients { rank: rank as u8, ..Coefficients::ZERO };
-        if rank == 0 || weights.lit_blocks().is_empty() {
-            return out;
-        }
+    pub fn project(&mut self, tile: &Tile<'_>, weights: &FixedWeights, kernel: Kernel, max_rank: usize) {
+        let lit = !weights.lit_blocks().is_empty();
+        let rank = if lit { tile.rank().min(max_rank.min(MAX_RANK).next_multiple_of(2)) } else { 0 };
+        self.rank = rank as u8;
         let mut sums = [0i32; MAX_RANK];
         for c in 0..3 {
             let values = weights.value_q(c);
@@ -41,19 +49,23 @@ impl Coefficients {
             kernel.project(&job, &mut sums[..rank]);
             let exponent =
                 weights.exponent()[c] + i32::from(tile.record.v_exponent[c]) + i32::from(tile.record.row_exponent[c]);
-            out.set_channel(c, &sums[..rank], |k| tile.v_scale(c, k), exponent);
+            self.set_channel(c, &sums[..rank], |k| tile.v_scale(c, k), exponent);
         }
-        out
+    }
+
+    /// Takes over another's values, only as many as it uses.
+    pub fn copy_from(&mut self, other: &Coefficients) {
+        let pairs = other.rank() / 2;
+        for (own, other) in self.pairs.iter_mut().zip(&other.pairs) {
+            own[..pairs].copy_from_slice(&other[..pairs]);
+        }
+        (self.rank, self.right, self.left) = (other.rank, other.right, other.left);
     }
 
     /// Brings `sums[k] * scale(k)` to 16 bits by a power of two of the tile and channel, and derives the shifts.
     fn set_channel(&mut self, c: usize, sums: &[i32], scale: impl Fn(usize) -> u16, exponent: i32) {
-        let mut full = [0i64; MAX_RANK];
-        let mut largest = 0u64;
-        for (k, &sum) in sums.iter().enumerate() {
-            full[k] = i64::from(sum) * i64::from(scale(k));
-            largest |= full[k].unsigned_abs();
-        }
+        let full = |k: usize, sum: i32| i64::from(sum) * i64::from(scale(k));
+        let largest = sums.iter().enumerate().fold(0, |all, (k, &sum)| all | full(k, sum).unsigned_abs());
         let fit = (64 - largest.leading_zeros() as i32 - 15).max(0);
         // product * 2^(block + exponent) is radiance times exposure; in 1/2^20 that is a right shift by
         // -(block + exponent + 20). A shift beyond 32 would need bits above the 64th, so take a larger block: its
@@ -62,8 +74,8 @@ impl Coefficients {
         let shift = (-(block + exponent + LINEAR_BITS)).min(32);
         self.right[c] = shift.max(16) as u8;
         self.left[c] = (16 - shift).clamp(0, 30) as u8;
-        for (k, &value) in full[..sums.len()].iter().enumerate() {
-            let q = rounding_shift(value, block as u32).clamp(-32767, 32767) as i32;
+        for (k, &sum) in sums.iter().enumerate() {
+            let q = rounding_shift(full(k, sum), block as u32).clamp(-32767, 32767) as i32;
             let pair = &mut self.pairs[c][k / 2];
             *pair = if k % 2 == 0 { q & 0xffff } else { *pair | q << 16 };
         }
@@ -94,17 +106,14 @@ impl Coefficients {
         kernel.reconstruct(&job, [&mut r[..n], &mut g[..n], &mut b[..n]]);
     }
 
-    /// Adds the residuals of the patches that outshine the sky to reconstructed values of tile number `index`.
-    pub fn add_residuals(
-        residuals: &Residuals<'_>,
-        (index, tile): (usize, &Tile<'_>),
-        standouts: &[Standout],
-        kernel: Kernel,
-        out: &mut LinearTile,
-    ) {
+    /// Linear values of tile number `index` of `field` with all that belongs to its picture: patches, the sun, and the
+    /// residuals of patches that outshine the sky.
+    pub fn pixels(&self, field: &Field<'_>, index: usize, light: &TileLight<'_>, kernel: Kernel, out: &mut LinearTile) {
+        let tile = field.response().tile(index);
+        self.reconstruct(&tile, light.sun, kernel, out);
         let n = tile.padded_pixels();
-        for standout in standouts {
-            if let Some(residual) = residuals.get(index, tile, usize::from(standout.patch)) {
+        for standout in light.standouts {
+            if let Some(residual) = field.residuals().get(index, &tile, usize::from(standout.patch)) {
                 let [r, g, b] = &mut out.0;
                 kernel.add_residual(&residual.term(standout.light, n), [&mut r[..n], &mut g[..n], &mut b[..n]]);
             }
@@ -122,7 +131,9 @@ impl Coefficients {
         let (new_unit, old_unit) = (unit(self), unit(drawn));
         let pairs = self.rank().max(drawn.rank()) / 2;
         let mut sum = 0.0f32;
-        for (&new, &old) in self.pairs[c][..pairs].iter().zip(&drawn.pairs[c][..pairs]) {
+        for j in 0..pairs {
+            let pair = |x: &Coefficients| if 2 * j < x.rank() { x.pairs[c][j] } else { 0 };
+            let (new, old) = (pair(self), pair(drawn));
             let term = |new: i32, old: i32| (new as f32 * new_unit - old as f32 * old_unit).abs();
             sum += term(i32::from(new as i16), i32::from(old as i16)) + term(new >> 16, old >> 16);
         }

@@ -436,7 +436,9 @@ impl SunLight {
             return;
         }
         let mut linear = LinearTile::new();
-        Coefficients::project(&own, &self.indirect, kernel, MAX_RANK).reconstruct(&own, None, kernel, &mut linear);
+        let mut coefficients = Coefficients::ZERO;
+        coefficients.project(&own, &self.indirect, kernel, MAX_RANK);
+        coefficients.reconstruct(&own, None, kernel, &mut linear);
         let mut direct = DirectTile([[0.0; TILE_PIXELS]; 3]);
         field.sun_surfaces().direct_tile(field, tile, &self.rays, &self.disc, &mut direct);
         for c in 0..3 {

@@ -88,7 +88,7 @@ pub struct Standout {
 /// Most patches whose residuals are read for one picture.
 pub const MAX_STANDOUTS: usize = 8;
 /// A patch stands out when it is this many times as bright as the patches' mean.
-pub const STANDOUT_TIMES_MEAN: f32 = 2.5;
+pub const STANDOUT_TIMES_MEAN: f32 = 4.0;
 
 /// Exponents are kept in this range so that shifts stay small; radiance times exposure from 1e-30 to 1e30.
 const EXPONENT_LIMIT: i32 = 110;

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use relume_firmware::composite::{Compositor, ViewPixels};
 use relume_firmware::field::Field;
 use relume_firmware::kernel::{Kernel, SUN_SHIFT};
-use relume_firmware::relight::{Coefficients, LINEAR_BITS, LinearTile};
+use relume_firmware::relight::{Coefficients, LINEAR_BITS, LinearTile, TileLight};
 use relume_firmware::surface::Surface;
 use relume_firmware::tile::{MAX_RANK, TILE_PIXELS, TILE_PX};
 use relume_firmware::tone::{LINEAR_SLOPE, ViewLight};
@@ -110,11 +110,20 @@ struct Drawn {
     view: u64,
 }
 
+impl Default for Drawn {
+    fn default() -> Self {
+        let standouts = [Standout::default(); MAX_STANDOUTS];
+        Drawn { coefficients: Coefficients::ZERO, sun_q16: [0; 3], standouts, view: 0 }
+    }
+}
+
 /// One tile's state from frame to frame.
 #[derive(Clone, Debug)]
 struct TileState {
     coefficients: Coefficients,
-    drawn: Option<Drawn>,
+    /// Valid where `is_drawn`.
+    drawn: Drawn,
+    is_drawn: bool,
     /// Largest change of the sun's response plane since the tile was last drawn, in 1/32768, summed over retracings.
     sun_drift: u32,
     /// Largest value of the sun's response plane, in 1/32768.
@@ -130,6 +139,8 @@ pub struct Relighter<'f> {
     kernel: Kernel,
     light: ViewLight,
     pool: rayon::ThreadPool,
+    /// One thread: frames run on the caller's, without handing over.
+    alone: bool,
     weights: FixedWeights,
     given: PatchWeights,
     sun: SunPlane,
@@ -157,6 +168,7 @@ impl<'f> Relighter<'f> {
             kernel,
             light: ViewLight::new(),
             pool: thread_pool(threads),
+            alone: threads == 1,
             weights: FixedWeights::dark(patches),
             given: PatchWeights { radiance: vec![[0.0; 3]; patches], sun: None },
             sun: SunPlane::new(&field),
@@ -188,7 +200,7 @@ impl<'f> Relighter<'f> {
 
     /// Forgets what was drawn: the next [`Relighter::draw`] draws every tile.
     pub fn invalidate(&mut self) {
-        self.states.iter_mut().for_each(|state| state.drawn = None);
+        self.states.iter_mut().for_each(|state| state.is_drawn = false);
     }
 
     /// Takes weights and an exposure (factor from radiance to display white): quantises and projects them, and traces
@@ -213,15 +225,18 @@ impl<'f> Relighter<'f> {
             }
         }
         let (field, weights, kernel, max_rank) = (&self.field, &self.weights, self.kernel, self.max_rank);
+        let project = |(index, state): (usize, &mut TileState)| {
+            if !state.empty {
+                let tile = field.response().tile(index);
+                state.coefficients.project(&tile, weights, kernel, max_rank);
+            }
+        };
         let states = &mut self.states;
-        self.pool.install(|| {
-            states.par_iter_mut().enumerate().with_min_len(16).for_each(|(index, state)| {
-                if !state.empty {
-                    let tile = field.response().tile(index);
-                    state.coefficients = Coefficients::project(&tile, weights, kernel, max_rank);
-                }
-            });
-        });
+        if self.alone {
+            states.iter_mut().enumerate().for_each(project);
+        } else {
+            self.pool.install(|| states.par_iter_mut().enumerate().with_min_len(16).for_each(project));
+        }
         Ok(())
     }
 
@@ -239,20 +254,17 @@ impl<'f> Relighter<'f> {
         let scale = 1.0 / (f64::from(exposure) * f64::from(1u32 << LINEAR_BITS));
         let (field, kernel, max_rank) = (&self.field, self.kernel, self.max_rank);
         let sun = self.given.sun.map(|_| (self.sun.plane(), weights.sun_q16()));
+        let light = TileLight { sun, standouts: weights.standouts() };
         let (columns, _) = field.response().grid();
         let bands = picture.rgb.par_chunks_mut(width * TILE_PX).zip(picture.alpha.par_chunks_mut(width * TILE_PX));
         self.pool.install(|| {
             bands.enumerate().for_each(|(row, (rgb, alpha))| {
-                let mut linear = LinearTile::new();
+                let (mut linear, mut coefficients) = (LinearTile::new(), Coefficients::ZERO);
                 for column in 0..columns {
                     let index = row * columns + column;
                     let tile = field.response().tile(index);
-                    Coefficients::project(&tile, &weights, kernel, max_rank).reconstruct(
-                        &tile,
-                        sun,
-                        kernel,
-                        &mut linear,
-                    );
+                    coefficients.project(&tile, &weights, kernel, max_rank);
+                    coefficients.pixels(field, index, &light, kernel, &mut linear);
                     let coverage = field.coverage(index);
                     for (k, pixel) in tile.covered().enumerate() {
                         let at = pixel / TILE_PX * width + column * TILE_PX + pixel % TILE_PX;
@@ -281,18 +293,23 @@ impl<'f> Relighter<'f> {
                 light: &self.light,
                 kernel: self.kernel,
             },
-            sun: self.given.sun.map(|_| (self.sun.plane(), self.weights.sun_q16())),
-            standouts: self.weights.standouts(),
+            light: TileLight {
+                sun: self.given.sun.map(|_| (self.sun.plane(), self.weights.sun_q16())),
+                standouts: self.weights.standouts(),
+            },
             view: view.identity,
         };
-        let bands = framebuffer.pixels.par_chunks_mut(width * TILE_PX).zip(self.states.par_chunks_mut(columns));
-        let (drawn, kept, empty) = self.pool.install(|| {
-            bands
-                .enumerate()
-                .map(|(row, (pixels, states))| drawing.band(row, pixels, states))
-                .reduce(|| (0, 0, 0), |a, b| (a.0 + b.0, a.1 + b.1, a.2 + b.2))
-        });
-        FrameCounters { tiles_drawn: drawn, tiles_kept: kept, tiles_empty: empty, ..self.counters }
+        let band = |(row, (pixels, states)): (usize, (&mut [u32], &mut [TileState]))| drawing.band(row, pixels, states);
+        let add = |a: Drew, b: Drew| Drew { drawn: a.drawn + b.drawn, kept: a.kept + b.kept, empty: a.empty + b.empty };
+        let (pixels, states) = (&mut framebuffer.pixels, &mut self.states);
+        let drew = if self.alone {
+            let bands = pixels.chunks_mut(width * TILE_PX).zip(states.chunks_mut(columns));
+            bands.enumerate().map(band).fold(Drew::default(), add)
+        } else {
+            let bands = pixels.par_chunks_mut(width * TILE_PX).zip(states.par_chunks_mut(columns));
+            self.pool.install(|| bands.enumerate().map(band).reduce(Drew::default, add))
+        };
+        FrameCounters { tiles_drawn: drew.drawn, tiles_kept: drew.kept, tiles_empty: drew.empty, ..self.counters }
     }
 }
 
@@ -332,7 +349,8 @@ impl TileState {
         let tile = field.response().tile(index);
         TileState {
             coefficients: Coefficients::ZERO,
-            drawn: None,
+            drawn: Drawn::default(),
+            is_drawn: false,
             sun_drift: 0,
             sun_peak: 0,
             shows_view: tile.pixels() < TILE_PIXELS || field.coverage(index).is_some(),
@@ -342,7 +360,10 @@ impl TileState {
 
     /// May tile number `index` stay as it is?
     fn unchanged(&self, index: usize, drawing: &Drawing<'_>) -> bool {
-        let Some(drawn) = &self.drawn else { return false };
+        let drawn = &self.drawn;
+        if !self.is_drawn {
+            return false;
+        }
         if self.shows_view && drawn.view != drawing.view {
             return false;
         }
@@ -358,59 +379,67 @@ impl TileState {
     }
 }
 
+/// Tiles of a band or frame, by what became of them.
+#[derive(Clone, Copy, Default)]
+struct Drew {
+    drawn: usize,
+    kept: usize,
+    empty: usize,
+}
+
 /// What all bands of a frame share.
 struct Drawing<'a> {
     field: &'a Field<'a>,
     compositor: Compositor<'a>,
-    sun: Option<(&'a [u16], [u32; 3])>,
-    standouts: &'a [Standout],
+    light: TileLight<'a>,
     view: u64,
 }
 
 impl Drawing<'_> {
-    /// Draws one row of tiles; returns how many were drawn, kept and empty.
-    fn band(&self, row: usize, pixels: &mut [u32], states: &mut [TileState]) -> (usize, usize, usize) {
+    /// Draws one row of tiles.
+    fn band(&self, row: usize, pixels: &mut [u32], states: &mut [TileState]) -> Drew {
         let width = self.field.width();
         let rows = pixels.len() / width;
-        let Ok(mut surface) = Surface::new(pixels, width, rows, width) else { return (0, 0, 0) };
-        let (mut drawn, mut kept, mut empty) = (0, 0, 0);
+        let Ok(mut surface) = Surface::new(pixels, width, rows, width) else { return Drew::default() };
+        let mut drew = Drew::default();
         let mut linear = LinearTile::new();
         let columns = states.len();
         for (column, state) in states.iter_mut().enumerate() {
             let index = row * columns + column;
-            empty += usize::from(state.empty);
+            drew.empty += usize::from(state.empty);
             if state.unchanged(index, self) {
-                kept += usize::from(!state.empty);
+                drew.kept += usize::from(!state.empty);
                 continue;
             }
             let tile = self.field.response().tile(index);
-            let kernel = self.compositor.kernel;
-            state.coefficients.reconstruct(&tile, self.sun, kernel, &mut linear);
-            let residuals = &self.field.residuals();
-            Coefficients::add_residuals(residuals, (index, &tile), self.standouts, kernel, &mut linear);
+            state.coefficients.pixels(self.field, index, &self.light, self.compositor.kernel, &mut linear);
             let at = (column * TILE_PX, row * TILE_PX);
             let target = (&mut surface, row * TILE_PX);
             self.compositor.tile(&tile, &linear, self.field.coverage(index), at, target);
             state.sun_drift = 0;
-            state.drawn = Some(self.drawn(state.coefficients));
-            drawn += usize::from(!state.empty);
+            self.note(state);
+            drew.drawn += usize::from(!state.empty);
         }
-        (drawn, kept, empty)
+        drew
     }
 
     fn sun_q16(&self) -> [u32; 3] {
-        self.sun.map_or([0; 3], |(_, q16)| q16)
+        self.light.sun.map_or([0; 3], |(_, q16)| q16)
     }
 
-    fn drawn(&self, coefficients: Coefficients) -> Drawn {
-        let mut standouts = [Standout::default(); MAX_STANDOUTS];
-        standouts[..self.standouts.len()].copy_from_slice(self.standouts);
-        Drawn { coefficients, sun_q16: self.sun_q16(), standouts, view: self.view }
+    fn note(&self, state: &mut TileState) {
+        let drawn = &mut state.drawn;
+        drawn.coefficients.copy_from(&state.coefficients);
+        drawn.sun_q16 = self.sun_q16();
+        drawn.standouts = [Standout::default(); MAX_STANDOUTS];
+        drawn.standouts[..self.light.standouts.len()].copy_from_slice(self.light.standouts);
+        drawn.view = self.view;
+        state.is_drawn = true;
     }
 
     /// A bound on what residuals change in a tile that was drawn with `old` standouts, in 1/2^20 of display white.
     fn residual_change(&self, index: usize, old: &[Standout]) -> f32 {
-        if self.standouts.is_empty() && old.iter().all(|s| s.light == [0.0; 3]) {
+        if self.light.standouts.is_empty() && old.iter().all(|s| s.light == [0.0; 3]) {
             return 0.0;
         }
         let (tile, residuals) = (self.field.response().tile(index), self.field.residuals());
@@ -419,12 +448,12 @@ impl Drawing<'_> {
         };
         let change = |patch: u16| {
             let Some(residual) = residuals.get(index, &tile, usize::from(patch)) else { return 0.0 };
-            let (new, old) = (light(self.standouts, patch), light(old, patch));
+            let (new, old) = (light(self.light.standouts, patch), light(old, patch));
             let step = |c: usize| (new[c] - old[c]).abs() * residual.scale[c];
             127.0 * step(0).max(step(1)).max(step(2))
         };
-        let gone = old.iter().filter(|s| light(self.standouts, s.patch) == [0.0; 3]);
-        let sum: f32 = self.standouts.iter().chain(gone).map(|s| change(s.patch)).sum();
+        let gone = old.iter().filter(|s| light(self.light.standouts, s.patch) == [0.0; 3]);
+        let sum: f32 = self.light.standouts.iter().chain(gone).map(|s| change(s.patch)).sum();
         sum * (1 << LINEAR_BITS) as f32 + 1.0
     }
 }

@@ -1,1 +1,9 @@
-//! Whole-system tests of Relume live in `tests/tests`.
+//! What the whole-system tests in `tests/tests` share: a small scene made in code, the two programs, and pictures read
+//! without the code under test.
+
+pub mod files;
+pub mod light;
+pub mod picture;
+pub mod program;
+pub mod scene;
+pub mod skip;

@@ -10,14 +10,36 @@ use core::arch::x86_64::*;
 #[target_feature(enable = "avx2")]
 pub unsafe fn project(job: &Projection<'_>, out: &mut [i32]) {
     let stride = job.weights.len();
-    for (k, sum) in out.iter_mut().enumerate() {
+    let mut groups = out.chunks_exact_mut(4);
+    let mut k = 0;
+    // Four rows at a time: each block of weights is loaded once for all of them, and their sums fold together.
+    for sums in &mut groups {
+        let mut acc = [_mm256_setzero_si256(); 4];
+        for &block in job.lit_blocks {
+            let at = usize::from(block) * 16;
+            // SAFETY: at + 16 <= stride.
+            let w = unsafe { _mm256_loadu_si256(job.weights.as_ptr().add(at).cast()) };
+            for (row, acc) in acc.iter_mut().enumerate() {
+                // SAFETY: V holds out.len() rows of stride bytes, and k + row < out.len().
+                let v = unsafe { _mm_loadu_si128(job.v.as_ptr().add((k + row) * stride + at).cast()) };
+                *acc = _mm256_add_epi32(*acc, _mm256_madd_epi16(_mm256_cvtepi8_epi16(v), w));
+            }
+        }
+        let pairs = [_mm256_hadd_epi32(acc[0], acc[1]), _mm256_hadd_epi32(acc[2], acc[3])];
+        let four = _mm256_hadd_epi32(pairs[0], pairs[1]);
+        let four = _mm_add_epi32(_mm256_castsi256_si128(four), _mm256_extracti128_si256::<1>(four));
+        // SAFETY: the group holds four i32.
+        unsafe { _mm_storeu_si128(sums.as_mut_ptr().cast(), four) };
+        k += 4;
+    }
+    for (row, sum) in groups.into_remainder().iter_mut().enumerate() {
         let mut acc = _mm256_setzero_si256();
         for &block in job.lit_blocks {
             let at = usize::from(block) * 16;
-            // SAFETY: at + 16 <= stride, and V holds out.len() rows of stride bytes.
+            // SAFETY: at + 16 <= stride, V holds out.len() rows of stride bytes, and k + row < out.len().
             let (v, w) = unsafe {
                 (
-                    _mm_loadu_si128(job.v.as_ptr().add(k * stride + at).cast()),
+                    _mm_loadu_si128(job.v.as_ptr().add((k + row) * stride + at).cast()),
                     _mm256_loadu_si256(job.weights.as_ptr().add(at).cast()),
                 )
             };
