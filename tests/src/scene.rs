@@ -1,0 +1,215 @@
+//! Scenes made in code, as glTF 2.0 files.
+
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// A mesh of one colour, or of one colour times the scene's texture.
+#[derive(Clone, Debug)]
+pub struct Mesh {
+    /// Corners, metres.
+    pub positions: Vec<[f32; 3]>,
+    /// Texture coordinates, one per corner; used with `textured`.
+    pub uvs: Vec<[f32; 2]>,
+    /// Three per triangle.
+    pub indices: Vec<u32>,
+    /// Linear base colour.
+    pub color: [f32; 3],
+    /// Is the base colour multiplied by the texture?
+    pub textured: bool,
+}
+
+/// A quad of two triangles; texture coordinates run from 0 to 1 over it.
+pub fn quad(corners: [[f32; 3]; 4], color: [f32; 3]) -> Mesh {
+    let uvs = vec![[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]];
+    Mesh { positions: corners.to_vec(), uvs, indices: vec![0, 1, 2, 0, 2, 3], color, textured: false }
+}
+
+/// A level square of half side `half` at height `y`, facing up.
+pub fn ground(half: f32, y: f32, color: [f32; 3]) -> Mesh {
+    quad([[-half, y, half], [half, y, half], [half, y, -half], [-half, y, -half]], color)
+}
+
+/// An upright box over `min..max`, its faces outwards.
+pub fn cuboid(min: [f32; 3], max: [f32; 3], color: [f32; 3]) -> Mesh {
+    let corner = |bits: usize| std::array::from_fn(|axis| if bits >> axis & 1 == 1 { max[axis] } else { min[axis] });
+    let faces = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let mut mesh = Mesh { positions: Vec::new(), uvs: Vec::new(), indices: Vec::new(), color, textured: false };
+    for face in faces {
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend(face.map(corner));
+        mesh.uvs.extend([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]]);
+        mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|k| first + k));
+    }
+    mesh
+}
+
+/// A checked PNG, 8 x 8, of two sRGB greys.
+///
+/// # Panics
+/// Never in practice: the picture is in memory.
+pub fn checks_png() -> Vec<u8> {
+    let picture = image::RgbImage::from_fn(8, 8, |x, y| image::Rgb([if (x + y) % 2 == 0 { 235 } else { 90 }; 3]));
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    picture.write_to(&mut bytes, image::ImageFormat::Png).expect("a PNG in memory");
+    bytes.into_inner()
+}
+
+/// Where a glTF's texture lies.
+#[derive(Clone, Copy, Debug)]
+pub enum Picture<'a> {
+    /// In the binary part.
+    Inside(&'a [u8]),
+    /// In a file beside the scene.
+    Beside(&'a str),
+}
+
+fn padded(mut bytes: Vec<u8>, fill: u8) -> Vec<u8> {
+    bytes.resize(bytes.len().next_multiple_of(4), fill);
+    bytes
+}
+
+/// The binary part and its views while they grow.
+#[derive(Default)]
+struct Parts {
+    binary: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Parts {
+    fn view(&mut self, bytes: &[u8]) -> usize {
+        self.views.push(json!({"buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len()}));
+        self.binary.extend_from_slice(bytes);
+        self.binary = padded(std::mem::take(&mut self.binary), 0);
+        self.views.len() - 1
+    }
+
+    fn accessor(
+        &mut self,
+        bytes: &[u8],
+        count: usize,
+        component: u32,
+        kind: &str,
+        bounds: Option<(Value, Value)>,
+    ) -> usize {
+        let view = self.view(bytes);
+        let mut accessor = json!({"bufferView": view, "componentType": component, "count": count, "type": kind});
+        if let Some((min, max)) = bounds {
+            accessor["min"] = min;
+            accessor["max"] = max;
+        }
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    fn mesh(&mut self, mesh: &Mesh, material: usize) -> Value {
+        let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+        let bound = |pick: fn(f32, f32) -> f32| {
+            let start = mesh.positions.first().copied().unwrap_or_default();
+            let bound: [f32; 3] =
+                std::array::from_fn(|axis| mesh.positions.iter().map(|p| p[axis]).fold(start[axis], pick));
+            // JSON has no NaN: a scene with one states a plain bound.
+            json!(bound.map(|v| if v.is_finite() { v } else { 0.0 }))
+        };
+        let bounds = Some((bound(f32::min), bound(f32::max)));
+        const FLOAT: u32 = 5126;
+        const UINT: u32 = 5125;
+        let position =
+            self.accessor(&bytes(mesh.positions.as_flattened()), mesh.positions.len(), FLOAT, "VEC3", bounds);
+        let uv = self.accessor(&bytes(mesh.uvs.as_flattened()), mesh.uvs.len(), FLOAT, "VEC2", None);
+        let indices: Vec<u8> = mesh.indices.iter().flat_map(|k| k.to_le_bytes()).collect();
+        let indices = self.accessor(&indices, mesh.indices.len(), UINT, "SCALAR", None);
+        let attributes = json!({"POSITION": position, "TEXCOORD_0": uv});
+        json!({"primitives": [{"attributes": attributes, "indices": indices, "material": material}]})
+    }
+}
+
+/// The JSON and the binary part of a glTF scene.
+fn document(meshes: &[Mesh], picture: Option<Picture<'_>>) -> (Value, Vec<u8>) {
+    let mut parts = Parts::default();
+    let written: Vec<Value> = meshes.iter().enumerate().map(|(k, mesh)| parts.mesh(mesh, k)).collect();
+    let materials: Vec<Value> = meshes
+        .iter()
+        .map(|mesh| {
+            let [r, g, b] = mesh.color;
+            let mut surface = json!({"baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0});
+            if mesh.textured {
+                surface["baseColorTexture"] = json!({"index": 0});
+            }
+            json!({"pbrMetallicRoughness": surface})
+        })
+        .collect();
+    let nodes: Vec<Value> = (0..meshes.len()).map(|k| json!({"mesh": k})).collect();
+    let mut root = json!({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": (0..nodes.len()).collect::<Vec<_>>()}],
+        "nodes": nodes, "meshes": written, "materials": materials,
+    });
+    if let Some(picture) = picture {
+        root["textures"] = json!([{"source": 0}]);
+        root["images"] = match picture {
+            Picture::Inside(png) => json!([{"bufferView": parts.view(png), "mimeType": "image/png"}]),
+            Picture::Beside(name) => json!([{"uri": name}]),
+        };
+    }
+    root["accessors"] = json!(parts.accessors);
+    root["bufferViews"] = json!(parts.views);
+    root["buffers"] = json!([{"byteLength": parts.binary.len()}]);
+    (root, parts.binary)
+}
+
+/// A `.glb` file of these meshes.
+pub fn glb(meshes: &[Mesh], picture: Option<Picture<'_>>) -> Vec<u8> {
+    let (root, binary) = document(meshes, picture);
+    chunks(&root, &binary)
+}
+
+/// A `.glb` that holds no mesh.
+pub fn empty_glb() -> Vec<u8> {
+    chunks(&json!({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": []}]}), &[])
+}
+
+fn chunks(root: &Value, binary: &[u8]) -> Vec<u8> {
+    let json = padded(root.to_string().into_bytes(), b' ');
+    let mut body = Vec::new();
+    let parts: [(&[u8; 4], &[u8]); 2] = [(b"JSON", &json), (b"BIN\0", binary)];
+    for (kind, bytes) in parts.into_iter().filter(|(_, bytes)| !bytes.is_empty()) {
+        body.extend_from_slice(&(bytes.len() as u32).to_le_bytes());
+        body.extend_from_slice(kind);
+        body.extend_from_slice(bytes);
+    }
+    let mut file = b"glTF\x02\0\0\0".to_vec();
+    file.extend_from_slice(&(body.len() as u32 + 12).to_le_bytes());
+    file.extend_from_slice(&body);
+    file
+}
+
+/// Writes `scene.gltf` and `scene.bin` into `folder`.
+///
+/// # Panics
+/// If they cannot be written.
+pub fn write_gltf(folder: &Path, meshes: &[Mesh], picture: Option<Picture<'_>>) -> PathBuf {
+    let (mut root, binary) = document(meshes, picture);
+    root["buffers"][0]["uri"] = json!("scene.bin");
+    crate::files::put(&folder.join("scene.bin"), binary);
+    let path = folder.join("scene.gltf");
+    crate::files::put(&path, root.to_string());
+    path
+}
+
+/// Ground, a box on it and an upright textured board: shadow, bounce and texture at 64 x 48.
+pub fn courtyard() -> Vec<Mesh> {
+    let mut board = quad([[-3.0, 0.0, -1.5], [-0.5, 0.0, -2.5], [-0.5, 2.2, -2.5], [-3.0, 2.2, -1.5]], [0.9, 0.8, 0.7]);
+    board.textured = true;
+    vec![ground(12.0, 0.0, [0.35, 0.4, 0.3]), cuboid([0.2, 0.0, -1.2], [1.8, 1.6, 0.4], [0.75, 0.55, 0.35]), board]
+}
+
+/// Writes the courtyard as `scene.glb` and its camera as `camera.json`.
+///
+/// # Panics
+/// If they cannot be written.
+pub fn write_courtyard(folder: &Path) {
+    let png = checks_png();
+    crate::files::put(&folder.join("scene.glb"), glb(&courtyard(), Some(Picture::Inside(&png))));
+    let camera = r#"{"position":[2.5,2.6,6.5],"target":[-0.4,0.8,0],"up":[0,1,0],"fov_y_deg":45}"#;
+    crate::files::put(&folder.join("camera.json"), camera);
+}
