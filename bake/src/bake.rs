@@ -110,6 +110,10 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
         stack_sun: stack_sun.map(|(_, dir)| dir),
     };
     let (writer, mut report) = job.run(options.progress)?;
+    if report.rank_max == 0 {
+        let position = camera.position.map(|c| c as f32);
+        return Err(TransportError::Dark { position }.into());
+    }
     if let Some(stack) = job.stack {
         stack.finish()?;
     }

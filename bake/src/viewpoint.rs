@@ -43,6 +43,14 @@ pub enum TransportError {
         /// Median distance of what the camera sees, m.
         distance: f32,
     },
+    /// Nothing that the camera sees is reached by light.
+    #[error(
+        "no light reaches what the camera at {position:?} sees: it stands inside a wall or a closed room; move position"
+    )]
+    Dark {
+        /// The camera's position, m.
+        position: [f32; 3],
+    },
 }
 
 /// # Errors

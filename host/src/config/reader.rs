@@ -40,7 +40,8 @@ impl Reader {
                 _ if is_table => return Err(self.fault(format!("{path} must be a table: write [{path}]"))),
                 _ if known.contains(&path.as_str()) => {}
                 _ => {
-                    let nearest = nearest_key(&path, known);
+                    let tables: Vec<&str> = known.iter().filter_map(|k| k.split_once('.')).map(|(t, _)| t).collect();
+                    let nearest = nearest_key(&path, if value.is_table() { &tables } else { known });
                     return Err(self.fault(format!("unknown key {path}; did you mean {nearest}?")));
                 }
             }
