@@ -169,6 +169,17 @@ impl Kernel {
         }
     }
 
+    /// Asks for bytes that will be read soon; changes nothing but the time it takes.
+    pub fn prefetch(self, bytes: &[u8]) {
+        match self.0 {
+            Path::Scalar => {}
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx2 => avx2::prefetch(bytes),
+            #[cfg(target_arch = "aarch64")]
+            Path::Neon => neon::prefetch(bytes),
+        }
+    }
+
     /// Linear values (1/2^20 of display white) to 0x00RRGGBB by [`crate::tone::code`], for a multiple of 8 pixels.
     ///
     /// # Panics

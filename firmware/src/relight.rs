@@ -106,6 +106,18 @@ impl Coefficients {
         kernel.reconstruct(&job, [&mut r[..n], &mut g[..n], &mut b[..n]]);
     }
 
+    /// Asks for what a projection on this tile's V will read.
+    pub fn prefetch_projection(tile: &Tile<'_>, kernel: Kernel) {
+        kernel.prefetch(tile.v);
+        kernel.prefetch(tile.v_scale);
+    }
+
+    /// Asks for what the pixels of this tile will read.
+    pub fn prefetch_pixels(tile: &Tile<'_>, kernel: Kernel) {
+        kernel.prefetch(tile.u);
+        kernel.prefetch(tile.rows);
+    }
+
     /// Linear values of tile number `index` of `field` with all that belongs to its picture: patches, the sun, and the
     /// residuals of patches that outshine the sky.
     pub fn pixels(&self, field: &Field<'_>, index: usize, light: &TileLight<'_>, kernel: Kernel, out: &mut LinearTile) {

@@ -198,9 +198,10 @@ impl<'f> Relighter<'f> {
         self.sun.set_step_deg(step_deg);
     }
 
-    /// Forgets what was drawn: the next [`Relighter::draw`] draws every tile.
+    /// Forgets what was relit: the next [`Relighter::draw`] draws every tile with geometry. Tiles that show the view
+    /// alone are not concerned.
     pub fn invalidate(&mut self) {
-        self.states.iter_mut().for_each(|state| state.is_drawn = false);
+        self.states.iter_mut().filter(|state| !state.empty).for_each(|state| state.is_drawn = false);
     }
 
     /// Takes weights and an exposure (factor from radiance to display white): quantises and projects them, and traces
@@ -227,8 +228,11 @@ impl<'f> Relighter<'f> {
         let (field, weights, kernel, max_rank) = (&self.field, &self.weights, self.kernel, self.max_rank);
         let project = |(index, state): (usize, &mut TileState)| {
             if !state.empty {
-                let tile = field.response().tile(index);
-                state.coefficients.project(&tile, weights, kernel, max_rank);
+                let response = field.response();
+                if index + 1 < response.tiles() {
+                    Coefficients::prefetch_projection(&response.tile(index + 1), kernel);
+                }
+                state.coefficients.project(&response.tile(index), weights, kernel, max_rank);
             }
         };
         let states = &mut self.states;
@@ -283,7 +287,7 @@ impl<'f> Relighter<'f> {
         let (width, height) = (self.field.width(), self.field.height());
         if framebuffer.pixels.len() != width * height {
             *framebuffer = Framebuffer::new(width, height);
-            self.invalidate();
+            self.states.iter_mut().for_each(|state| state.is_drawn = false);
         }
         let (columns, _) = self.field.response().grid();
         let drawing = Drawing {
@@ -411,7 +415,11 @@ impl Drawing<'_> {
                 drew.kept += usize::from(!state.empty);
                 continue;
             }
-            let tile = self.field.response().tile(index);
+            let response = self.field.response();
+            if index + 1 < response.tiles() {
+                Coefficients::prefetch_pixels(&response.tile(index + 1), self.compositor.kernel);
+            }
+            let tile = response.tile(index);
             state.coefficients.pixels(self.field, index, &self.light, self.compositor.kernel, &mut linear);
             let at = (column * TILE_PX, row * TILE_PX);
             let target = (&mut surface, row * TILE_PX);

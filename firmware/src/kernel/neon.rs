@@ -143,3 +143,13 @@ fn codes(linear: int32x4_t) -> uint32x4_t {
     let code = vbslq_f32(vcleq_f32(x, vdupq_n_f32(LINEAR_UNTIL)), dark, bright);
     vcvtq_u32_f32(vaddq_f32(code, vdupq_n_f32(0.5)))
 }
+
+/// See [`super::Kernel::prefetch`].
+pub fn prefetch(bytes: &[u8]) {
+    for line in bytes.chunks(64) {
+        // SAFETY: a prefetch reads nothing that the program can see, and the address lies in the slice.
+        unsafe {
+            core::arch::asm!("prfm pldl1keep, [{0}]", in(reg) line.as_ptr(), options(nostack, readonly, preserves_flags));
+        }
+    }
+}

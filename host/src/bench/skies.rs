@@ -63,9 +63,13 @@ fn broken_sky(sun: SunPosition, north_deg: f64) -> SkyModel {
 pub fn leave_out_foreign_suns(skies: &mut [BenchSky], stack_sun: Option<[f32; 3]>) -> Vec<String> {
     let mut notes = Vec::new();
     for sky in skies {
-        let Some(sun) = sky.weights.sun else { continue };
+        let Some(sun) = &mut sky.weights.sun else { continue };
         let off_deg = stack_sun.map(|dir| angle_deg(dir, sun.dir_world));
-        if off_deg.is_some_and(|off| off <= SAME_SUN_DEG) {
+        if let Some(dir) = stack_sun
+            && off_deg.is_some_and(|off| off <= SAME_SUN_DEG)
+        {
+            // One and the same sun: between skies it is then not traced anew, which is timed apart.
+            sun.dir_world = dir;
             continue;
         }
         sky.weights.sun = None;
