@@ -1,6 +1,8 @@
 //! Input that cannot be used, through the programs: exit code 2 (1 where the disk fills up), one line that names what is
 //! at fault, no panic, and no file left behind.
 
+#![allow(clippy::unwrap_used)]
+
 use relume_tests::files::{fresh_folder, names, put};
 use relume_tests::picture::write_exr;
 use relume_tests::program::{bake_in, relume_in};

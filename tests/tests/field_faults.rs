@@ -1,6 +1,8 @@
 //! Fields that are cut short, damaged, foreign or of another patch set: each is refused in one line, by library and
 //! program alike, and none ends in a panic or a wrong picture.
 
+#![allow(clippy::unwrap_used)]
+
 use relume::relight::FieldFile;
 use relume_tests::files::{fresh_folder, put};
 use relume_tests::program::{bake_in, relume_in};

@@ -1,6 +1,8 @@
 //! Pictures known in closed form, through bake, field and relighting; and the vector kernel of this machine against the
 //! scalar one on them. No programs and no files of others, so that an emulator can run it.
 
+#![allow(clippy::unwrap_used)]
+
 use relume::relight::{Framebuffer, Picture, Relighter, View};
 use relume::weights::{PatchWeights, SunWeight};
 use relume_bake::bake::{BakeOptions, bake};
@@ -150,7 +152,7 @@ fn this_machines_kernel_draws_what_the_scalar_one_draws() {
         let (width, height) = (field.width(), field.height());
         let mut scalar = Relighter::with_kernel(field, 1, Kernel::SCALAR);
         let mut vector = Relighter::with_kernel(field, 2, Kernel::detect());
-        let view = View::new(width, height, (0..(width * height) as u32).map(|k| k * 7919 & 0xff_ffff).collect());
+        let view = View::new(width, height, (0..(width * height) as u32).map(|k| (k * 7919) & 0xff_ffff).collect());
         let [mut a, mut b] = [(); 2].map(|()| Framebuffer::new(width, height));
         for seed in 0..6 {
             let weights = random_weights(seed, field.patch_set().len());

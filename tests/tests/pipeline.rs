@@ -1,6 +1,8 @@
 //! A scene becomes a field, a sky becomes weights, both become a picture: through the programs, against sums of the
 //! stack that are made here.
 
+#![allow(clippy::unwrap_used)]
+
 use relume_tests::files::{fresh_folder, names, put};
 use relume_tests::light::{Light, patches};
 use relume_tests::picture::{Linear, read_exr, read_grey, relative_rmse, write_exr};

@@ -2,6 +2,8 @@
 //! minutes, so plain `cargo test` leaves it out; `tests/run` runs it. The bake is kept in the target folder until the
 //! code of bake or firmware changes.
 
+#![allow(clippy::unwrap_used)]
+
 use relume_tests::files::{fresh_folder, put};
 use relume_tests::picture::{Linear, read_exr, relative_rmse};
 use relume_tests::program::{bake_in, relume_in};

@@ -1,5 +1,7 @@
 //! A post without a camera, headless: it opens, shows pictures that follow the light, and ends when told.
 
+#![allow(clippy::unwrap_used)]
+
 use relume_tests::files::{fresh_folder, names, put};
 use relume_tests::program::{bake_in, relume, relume_in};
 use relume_tests::scene::write_courtyard;

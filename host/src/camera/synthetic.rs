@@ -317,8 +317,8 @@ mod tests {
         }
         let truth = camera.truth();
         for (pixel, value) in truth.iter().enumerate() {
-            for k in 0..3 {
-                let fraction = f64::from(value[k]) * 1.2e-3 / camera.radiance_scale();
+            for (k, &value) in value.iter().enumerate() {
+                let fraction = f64::from(value) * 1.2e-3 / camera.radiance_scale();
                 let spread = (fraction / 1e4 + (5e-4f64).powi(2)).sqrt() * 255.0;
                 let expected = 255.0 * fraction.min(1.0);
                 let off = (f64::from(frame.codes.get(pixel * 3 + k)) - expected).abs();
