@@ -7,6 +7,7 @@ pub mod composite;
 pub mod field;
 #[cfg(feature = "std")]
 pub mod glue;
+mod header;
 pub mod interpolate;
 pub mod kernel;
 pub mod overlay;

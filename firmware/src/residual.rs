@@ -10,7 +10,8 @@
 //! response[x][c][i] - low-rank form = codes[i][c][x] * scale[i][c]
 //! ```
 
-use crate::field::{FieldError, f32_at, u32_at, vec3_at};
+use crate::field::FieldError;
+use crate::header::{f32_at, u32_at, vec3_at};
 use crate::kernel::{RESIDUAL_LIMIT, ResidualTerm};
 use crate::tile::{PLACE_UNIT, Tile, TileSet};
 

@@ -13,7 +13,8 @@
 //!    6 u16[3] albedo times share of the pixel, in 1/32768
 //! ```
 
-use crate::field::{CameraRecord, Field, FieldError, u16_at, u32_at, vec3_at};
+use crate::field::{CameraRecord, Field, FieldError};
+use crate::header::{u16_at, u32_at, vec3_at};
 use crate::kernel::Kernel;
 use crate::relight::{Coefficients, LinearTile};
 use crate::tile::{MAX_RANK, TILE_PIXELS, TILE_PX, TileSet, padded};

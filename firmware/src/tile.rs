@@ -1,6 +1,7 @@
 //! Tiles of 16x16 px: records, masks and the borrowed parts of one tile's response.
 
-use crate::field::{FieldError, u16_at, u32_at};
+use crate::field::FieldError;
+use crate::header::{u16_at, u32_at};
 
 /// Edge of a tile, px.
 pub const TILE_PX: usize = 16;

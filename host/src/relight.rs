@@ -138,7 +138,7 @@ pub struct Relighter<'f> {
     field: Field<'f>,
     kernel: Kernel,
     light: ViewLight,
-    pool: rayon::ThreadPool,
+    pool: Option<rayon::ThreadPool>,
     /// One thread: frames run on the caller's, without handing over.
     alone: bool,
     weights: FixedWeights,
@@ -163,12 +163,13 @@ impl<'f> Relighter<'f> {
         let tiles = field.response();
         let states = (0..tiles.tiles()).map(|index| TileState::new(&field, index)).collect();
         let patches = field.patch_set().len();
+        let pool = thread_pool(threads);
         Relighter {
             field,
             kernel,
             light: ViewLight::new(),
-            pool: thread_pool(threads),
-            alone: threads == 1,
+            alone: threads == 1 || pool.is_none(),
+            pool,
             weights: FixedWeights::dark(patches),
             given: PatchWeights { radiance: vec![[0.0; 3]; patches], sun: None },
             sun: SunPlane::new(&field),
@@ -218,7 +219,7 @@ impl<'f> Relighter<'f> {
         self.counters.sun_up = sun.is_some();
         self.counters.sun_traced = false;
         if let Some(sun) = sun {
-            let changes = self.sun.follow(&self.field, sun.dir_world, self.kernel, &self.pool);
+            let changes = self.sun.follow(&self.field, sun.dir_world, self.kernel, self.pool.as_ref());
             self.counters.sun_traced = changes.is_some();
             for (state, change) in self.states.iter_mut().zip(changes.unwrap_or(&[])) {
                 state.sun_drift = state.sun_drift.saturating_add(change.largest);
@@ -239,7 +240,7 @@ impl<'f> Relighter<'f> {
         if self.alone {
             states.iter_mut().enumerate().for_each(project);
         } else {
-            self.pool.install(|| states.par_iter_mut().enumerate().with_min_len(16).for_each(project));
+            install(self.pool.as_ref(), || states.par_iter_mut().enumerate().with_min_len(16).for_each(project));
         }
         Ok(())
     }
@@ -261,7 +262,7 @@ impl<'f> Relighter<'f> {
         let light = TileLight { sun, standouts: weights.standouts() };
         let (columns, _) = field.response().grid();
         let bands = picture.rgb.par_chunks_mut(width * TILE_PX).zip(picture.alpha.par_chunks_mut(width * TILE_PX));
-        self.pool.install(|| {
+        install(self.pool.as_ref(), || {
             bands.enumerate().for_each(|(row, (rgb, alpha))| {
                 let (mut linear, mut coefficients) = (LinearTile::new(), Coefficients::ZERO);
                 for column in 0..columns {
@@ -311,7 +312,7 @@ impl<'f> Relighter<'f> {
             bands.enumerate().map(band).fold(Drew::default(), add)
         } else {
             let bands = pixels.par_chunks_mut(width * TILE_PX).zip(states.par_chunks_mut(columns));
-            self.pool.install(|| bands.enumerate().map(band).reduce(Drew::default, add))
+            install(self.pool.as_ref(), || bands.enumerate().map(band).reduce(Drew::default, add))
         };
         FrameCounters { tiles_drawn: drew.drawn, tiles_kept: drew.kept, tiles_empty: drew.empty, ..self.counters }
     }
@@ -322,15 +323,16 @@ fn sun_is_up(sun: &SunWeight) -> bool {
     sun.dir_world[1] >= 0.0 && sun.irradiance.iter().any(|&e| e > 0.0)
 }
 
-fn thread_pool(threads: usize) -> rayon::ThreadPool {
-    let build = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    // Without any thread to spare, work is done on the caller's.
-    build(threads)
-        .or_else(|_| rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build())
-        .unwrap_or_else(|error| {
-            eprintln!("relume: cannot start a thread: {error}");
-            std::process::exit(1)
-        })
+/// The thread pool; `None` where none can be had, and work is done on the caller's thread.
+fn thread_pool(threads: usize) -> Option<rayon::ThreadPool> {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().ok()
+}
+
+fn install<R: Send>(pool: Option<&rayon::ThreadPool>, work: impl FnOnce() -> R + Send) -> R {
+    match pool {
+        Some(pool) => pool.install(work),
+        None => work(),
+    }
 }
 
 /// A power of two that brings the picture near display white, so that fixed point keeps its precision: from the

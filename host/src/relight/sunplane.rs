@@ -50,7 +50,7 @@ impl SunPlane {
         field: &Field<'_>,
         dir_world: [f32; 3],
         kernel: Kernel,
-        pool: &rayon::ThreadPool,
+        pool: Option<&rayon::ThreadPool>,
     ) -> Option<&[Change]> {
         if self.dir_world.is_some_and(|old| old == dir_world || angle_deg(old, dir_world) < self.step_deg) {
             return None;
@@ -59,7 +59,7 @@ impl SunPlane {
         let response = field.response();
         let slots = slots(field, &mut self.fresh);
         let old = &self.values;
-        pool.install(|| {
+        super::install(pool, || {
             (slots, &mut self.changes).into_par_iter().enumerate().for_each(|(index, (slot, change))| {
                 light.tile(field, index, kernel, slot);
                 let at = response.tile(index).plane_at;
