@@ -73,3 +73,17 @@ pub(super) fn numbers<const N: usize>(
         .and_then(|values| values.try_into().ok())
         .ok_or_else(|| Failure::bad(format!("{flag} {text}: must be {N} numbers with commas between them, {names}")))
 }
+
+/// The arguments of commands that take `POST.toml [--json]`.
+pub(super) fn post_arguments(parser: &mut lexopt::Parser) -> Result<(PathBuf, bool), Failure> {
+    use lexopt::prelude::{Long, Value};
+    let (mut file, mut json) = (None::<PathBuf>, false);
+    while let Some(arg) = parser.next()? {
+        match arg {
+            Long("json") => json = true,
+            Value(value) => place(value, &mut [&mut file])?,
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    Ok((required(file, "POST.toml")?, json))
+}

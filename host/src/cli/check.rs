@@ -1,6 +1,6 @@
 //! `relume check`: what is wrong with a post, in plain words, before it opens.
 
-use super::args::{Command, place, required};
+use super::args::{Command, post_arguments};
 use crate::config::{ClockConfig, Config, SkyKind};
 use crate::display::headless::Headless;
 use crate::failure::Failure;
@@ -9,7 +9,7 @@ use crate::relight::FieldFile;
 use crate::view::Still;
 use serde::Serialize;
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::SystemTime;
 
 pub(super) const COMMAND: Command = Command {
@@ -56,16 +56,7 @@ impl Table {
 }
 
 fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
-    use lexopt::prelude::{Long, Value};
-    let (mut file, mut json) = (None::<PathBuf>, false);
-    while let Some(arg) = parser.next()? {
-        match arg {
-            Long("json") => json = true,
-            Value(value) => place(value, &mut [&mut file])?,
-            other => return Err(other.unexpected().into()),
-        }
-    }
-    let file = required(file, "POST.toml")?;
+    let (file, json) = post_arguments(&mut parser)?;
     let table = check(&file);
     if json {
         super::say_json(&table)?

@@ -1,6 +1,6 @@
 //! `relume run`: the post.
 
-use super::args::{Command, place, required};
+use super::args::{Command, post_arguments};
 use crate::clock::PostClock;
 use crate::config::{Config, SkyKind};
 use crate::display::headless::Headless;
@@ -13,7 +13,6 @@ use crate::sky_source::captured::CapturedSky;
 use crate::sky_source::simulated::SimulatedSky;
 use crate::view::Still;
 use relume_firmware::field::Field;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -31,16 +30,8 @@ Captures, relights, composites and shows until told to stop (Ctrl-C, SIGTERM) or
 };
 
 fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
-    use lexopt::prelude::{Long, Value};
-    let (mut file, mut json) = (None::<PathBuf>, false);
-    while let Some(arg) = parser.next()? {
-        match arg {
-            Long("json") => json = true,
-            Value(value) => place(value, &mut [&mut file])?,
-            other => return Err(other.unexpected().into()),
-        }
-    }
-    let config = Config::load(&required(file, "POST.toml")?).or_bad()?;
+    let (file, json) = post_arguments(&mut parser)?;
+    let config = Config::load(&file).or_bad()?;
     let stop = stop_on_signal()?;
     let report = run(&config, &stop)?;
     eprintln!("{} frames, {} drawn anew; ended: {}", report.frames, report.frames_changed, report.ended);
