@@ -1,10 +1,12 @@
 //! Compositing: a relit tile over the view, in linear light, to the surface.
 
-use crate::kernel::Kernel;
-use crate::relight::LinearTile;
-use crate::surface::{Surface, rgb, xrgb};
+use crate::coefficients::Coefficients;
+use crate::field::Field;
+use crate::kernel::{Extent, Kernel, Linear, Shown};
+use crate::relight::{LinearTile, TileLight};
+use crate::surface::{Surface, rgb};
 use crate::tile::{TILE_PIXELS, TILE_PX, Tile};
-use crate::tone::{self, ViewLight};
+use crate::tone::ViewLight;
 
 /// The real view behind: 0x00RRGGBB sRGB pixels, rows `stride` words apart.
 #[derive(Clone, Copy, Debug)]
@@ -42,65 +44,119 @@ pub struct Compositor<'a> {
     pub kernel: Kernel,
 }
 
+/// Where a tile is drawn.
+#[derive(Debug)]
+pub struct Target<'a, 's> {
+    /// The rows of the picture from `surface_y0` on.
+    pub surface: &'a mut Surface<'s>,
+    /// The picture's row that is the surface's first.
+    pub surface_y0: usize,
+    /// The tile's top left pixel in the picture.
+    pub at: (usize, usize),
+}
+
+impl Target<'_, '_> {
+    /// The part of row `y` of the tile that the surface holds.
+    fn row_mut(&mut self, y: usize) -> &mut [u32] {
+        let (x0, y0) = self.at;
+        let end = (x0 + TILE_PX).min(self.surface.width());
+        &mut self.surface.row_mut(y0 + y - self.surface_y0)[x0..end]
+    }
+
+    /// Does the surface hold the whole square?
+    fn is_inside(&self) -> bool {
+        self.rows() == TILE_PX && self.at.0 + TILE_PX <= self.surface.width()
+    }
+
+    /// Rows of the tile that the surface holds.
+    fn rows(&self) -> usize {
+        TILE_PX.min((self.surface_y0 + self.surface.height()).saturating_sub(self.at.1))
+    }
+}
+
 impl Compositor<'_> {
-    /// Writes one tile: `P + (1 - coverage) * view` per pixel, the view alone where nothing covers it.
+    /// Relights tile number `index` and writes it: `P + (1 - coverage) * view` per pixel, the view alone where nothing
+    /// covers it. Returns the extent of its linear values. `linear` is a place to work in.
     ///
-    /// `x0`, `y0` is the tile's top left pixel, `coverage` as [`crate::field::Field::coverage`] gives it; `surface`
-    /// holds the rows of the picture from `surface_y0` on.
+    /// A tile that is all covered goes straight from the field to the surface.
     pub fn tile(
         &self,
-        tile: &Tile<'_>,
-        linear: &LinearTile,
-        coverage: Option<&[u8]>,
-        (x0, y0): (usize, usize),
-        (surface, surface_y0): (&mut Surface<'_>, usize),
-    ) {
-        let mut shown = [0u32; TILE_PIXELS];
+        field: &Field<'_>,
+        index: usize,
+        (coefficients, light): (&Coefficients, &TileLight<'_>),
+        linear: &mut LinearTile,
+        mut target: Target<'_, '_>,
+    ) -> Extent {
+        let tile = field.response().tile(index);
         let n = tile.padded_pixels();
-        self.kernel.tone([&linear.0[0][..n], &linear.0[1][..n], &linear.0[2][..n]], &mut shown[..n]);
-        let width = TILE_PX.min(surface.width().saturating_sub(x0));
-        let height = TILE_PX.min((surface_y0 + surface.height()).saturating_sub(y0));
-        let whole = tile.pixels() == TILE_PIXELS && coverage.is_none();
-        let mut next = 0;
-        for y in 0..height {
-            let row = &mut surface.row_mut(y0 + y - surface_y0)[x0..x0 + width];
-            let own = &shown[y * TILE_PX..][..TILE_PX];
-            if whole {
-                // A row of known length is copied without a call.
-                match <&mut [u32; TILE_PX]>::try_from(&mut *row) {
-                    Ok(row) => row.copy_from_slice(own),
-                    Err(_) => row.copy_from_slice(&own[..width]),
-                }
+        let coverage = field.coverage(index);
+        let has_residuals =
+            light.standouts.iter().any(|s| field.residuals().get(index, &tile, usize::from(s.patch)).is_some());
+        if n == TILE_PIXELS && tile.pixels() == n && coverage.is_none() && !has_residuals && target.is_inside() {
+            let (x0, y0) = target.at;
+            let (pixels_xrgb, stride) = target.surface.from_mut(x0, y0 - target.surface_y0);
+            let job = coefficients.job(&tile, light.sun);
+            return self.kernel.relight(&job, Linear::Skip, Some(Shown { pixels_xrgb, stride }));
+        }
+        let mut buffer = [0u32; TILE_PIXELS];
+        let shown = Shown { pixels_xrgb: &mut buffer[..n], stride: TILE_PX };
+        let extent = if has_residuals {
+            coefficients.pixels(field, index, light, self.kernel, linear);
+            let nothing = Coefficients::ZERO;
+            self.kernel.relight(&nothing.job(&tile, None), Linear::Add(linear.planes(n)), Some(shown))
+        } else if coverage.is_some() {
+            coefficients.reconstruct(&tile, light.sun, self.kernel, linear)
+        } else {
+            self.kernel.relight(&coefficients.job(&tile, light.sun), Linear::Skip, Some(shown))
+        };
+        if let Some(coverage) = coverage {
+            self.add_view(&tile, coverage, linear, target.at);
+            self.kernel.tone(linear.planes(n).map(|plane| &*plane), &mut buffer[..n]);
+        }
+        self.spread(&tile, &buffer, &mut target);
+        extent
+    }
+
+    /// Adds the light of the view behind pixels that cover only partly.
+    fn add_view(&self, tile: &Tile<'_>, coverage: &[u8], linear: &mut LinearTile, (x0, y0): (usize, usize)) {
+        for (k, (pixel, &alpha)) in tile.covered().zip(coverage).enumerate() {
+            if alpha == 255 {
                 continue;
             }
-            let covered = u16::from_le_bytes([tile.record.mask[2 * y], tile.record.mask[2 * y + 1]]);
-            if covered == 0 {
-                self.view.copy_row(x0, y0 + y, row);
-                continue;
-            }
-            for (x, out) in row.iter_mut().enumerate() {
-                if covered >> x & 1 == 0 {
-                    *out = self.view.at(x0 + x, y0 + y);
-                    continue;
-                }
-                *out = match coverage.map_or(255, |c| c[next]) {
-                    255 => shown[next],
-                    alpha => self.over(linear.rgb(next), alpha, self.view.at(x0 + x, y0 + y)),
-                };
-                next += 1;
+            let behind = rgb(self.view.at(x0 + pixel % TILE_PX, y0 + pixel / TILE_PX));
+            let share = f32::from(255 - alpha) * (1.0 / 255.0);
+            for (plane, code) in linear.0.iter_mut().zip(behind) {
+                plane[k] += self.light.linear(code) * share;
             }
         }
     }
 
-    /// `P + (1 - coverage) * view` in linear light.
-    fn over(&self, premultiplied: [i32; 3], coverage: u8, view: u32) -> u32 {
-        let behind = rgb(view);
-        let mut codes = [0; 3];
-        for c in 0..3 {
-            let light = self.light.linear_q20(behind[c]) * u32::from(255 - coverage);
-            codes[c] = tone::code(premultiplied[c].saturating_add(((light + 127) / 255) as i32));
+    /// Covered pixels' codes to their places, and the view between them.
+    fn spread(&self, tile: &Tile<'_>, shown: &[u32; TILE_PIXELS], target: &mut Target<'_, '_>) {
+        let (x0, y0) = target.at;
+        let mut next = 0;
+        for y in 0..target.rows() {
+            let covered = u16::from_le_bytes([tile.record.mask[2 * y], tile.record.mask[2 * y + 1]]);
+            let row = target.row_mut(y);
+            let width = row.len();
+            if covered != u16::MAX {
+                self.view.copy_row(x0, y0 + y, row);
+            }
+            // A mask is runs of covered pixels: copy them whole.
+            let (mut left, mut own) = (u32::from(covered), next);
+            while left != 0 {
+                let from = left.trailing_zeros();
+                let run = (left >> from).trailing_ones();
+                let end = (from + run) as usize;
+                let kept = from as usize..end.min(width);
+                if !kept.is_empty() {
+                    row[kept.clone()].copy_from_slice(&shown[own..own + kept.len()]);
+                }
+                own += run as usize;
+                left &= !0 << end;
+            }
+            next += covered.count_ones() as usize;
         }
-        xrgb(codes)
     }
 }
 
@@ -108,15 +164,60 @@ impl Compositor<'_> {
 mod tests {
     use super::*;
 
+    fn over(premultiplied: f32, coverage: u8, view: u32) -> u32 {
+        let light = ViewLight::new();
+        let view = ViewPixels { pixels_xrgb: &[view], stride: 1 };
+        let compositor = Compositor { view, light: &light, kernel: Kernel::SCALAR };
+        let mut linear = LinearTile([[premultiplied; TILE_PIXELS]; 3]);
+        let mut mask = [0; 32];
+        mask[0] = 1;
+        let tile = Tile::bare(mask);
+        compositor.add_view(&tile, &[coverage], &mut linear, (0, 0));
+        let mut shown = [0; 16];
+        compositor.kernel.tone(linear.planes(16).map(|plane| &*plane), &mut shown);
+        shown[0]
+    }
+
     #[test]
     fn half_covered_white_over_black_and_over_white() {
-        let light = ViewLight::new();
-        let view = ViewPixels { pixels_xrgb: &[], stride: 0 };
-        let compositor = Compositor { view, light: &light, kernel: Kernel::SCALAR };
         // Half of white light is code 188 in sRGB (255 * (1.055 * 0.502^(1/2.4) - 0.055) = 187.9).
-        let half = (1 << 20) * 128 / 255;
-        assert_eq!(compositor.over([half; 3], 128, 0), 0x00bc_bcbc);
-        assert_eq!(compositor.over([half; 3], 128, 0x00ff_ffff), 0x00ff_ffff);
-        assert_eq!(compositor.over([0; 3], 1, 0x0012_3456), 0x0012_3456);
+        let half = 128.0 / 255.0;
+        assert_eq!(over(half, 128, 0), 0x00bc_bcbc);
+        assert_eq!(over(half, 128, 0x00ff_ffff), 0x00ff_ffff);
+        assert_eq!(over(0.0, 1, 0x0012_3456), 0x0012_3456);
+        assert_eq!(over(0.5, 255, 0x00ff_ffff), over(0.5, 255, 0));
+    }
+
+    #[test]
+    fn spread_pixels_fill_the_mask_and_the_view_the_rest() {
+        let light = ViewLight::new();
+        let behind: [u32; 64] = core::array::from_fn(|k| 1000 + k as u32);
+        let compositor =
+            Compositor { view: ViewPixels { pixels_xrgb: &behind, stride: 16 }, light: &light, kernel: Kernel::SCALAR };
+        let masks = [0u16, 0xffff, 0b1011_0000_1110_0001, 0x8001];
+        let mut mask = [0; 32];
+        for (bytes, row) in mask.chunks_exact_mut(2).zip(masks) {
+            bytes.copy_from_slice(&row.to_le_bytes());
+        }
+        let tile = Tile::bare(mask);
+        let shown = core::array::from_fn(|k| k as u32);
+        // Whole, and cut off at the right and below.
+        for (width, height) in [(16, 4), (13, 3), (1, 1)] {
+            let mut pixels = [7u32; 80];
+            let mut surface = Surface::new(&mut pixels, width, height, 20).unwrap();
+            compositor.spread(&tile, &shown, &mut Target { surface: &mut surface, surface_y0: 0, at: (0, 0) });
+            let mut next = 0;
+            for (at, &found) in pixels.iter().enumerate() {
+                let (x, y) = (at % 20, at / 20);
+                let covered = x < 16 && masks[y] >> x & 1 == 1;
+                next += u32::from(covered);
+                let expected = match (x < width && y < height, covered) {
+                    (false, _) => 7,
+                    (true, true) => next - 1,
+                    (true, false) => 1000 + (y * 16 + x) as u32,
+                };
+                assert_eq!(found, expected, "{x} {y} of {width} {height}");
+            }
+        }
     }
 }

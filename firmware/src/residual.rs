@@ -12,15 +12,12 @@
 
 use crate::field::FieldError;
 use crate::header::{f32_at, u32_at, vec3_at};
-use crate::kernel::{RESIDUAL_LIMIT, ResidualTerm};
 use crate::tile::{PLACE_UNIT, Tile, TileSet};
 
 /// Length of a patch's entry, bytes.
 pub const RESIDUAL_ENTRY: usize = 16;
 /// The place of a tile without residuals.
 pub const NO_RESIDUAL: u32 = u32::MAX;
-/// Binary places of a residual's factor.
-const FACTOR_BITS: i32 = 28;
 
 /// Checked residual layers.
 #[derive(Clone, Copy, Debug)]
@@ -85,13 +82,14 @@ impl<'a> Residuals<'a> {
     }
 }
 
-impl<'a> PatchResidual<'a> {
-    /// The kernel's term for a patch of this radiance times exposure.
-    pub fn term(&self, light: [f32; 3], pixels: usize) -> ResidualTerm<'a> {
-        let limit = RESIDUAL_LIMIT as f32;
-        let factor = core::array::from_fn(|c| {
-            libm::rintf(libm::scalbnf(light[c] * self.scale[c], FACTOR_BITS)).clamp(-limit, limit) as i32
-        });
-        ResidualTerm { codes: self.codes, pixels, factor }
+impl PatchResidual<'_> {
+    /// Adds the residual of a patch of this radiance times exposure to linear values, `[channel][padded pixel]`.
+    pub fn add(&self, light: [f32; 3], linear: [&mut [f32]; 3]) {
+        for (c, plane) in linear.into_iter().enumerate() {
+            let factor = light[c] * self.scale[c];
+            for (&code, value) in self.codes[c * plane.len()..].iter().zip(plane) {
+                *value += f32::from(code as i8) * factor;
+            }
+        }
     }
 }

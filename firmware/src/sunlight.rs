@@ -444,7 +444,7 @@ impl SunLight {
         field.sun_surfaces().direct_tile(field, tile, &self.rays, &self.disc, &mut direct);
         for c in 0..3 {
             for (x, out) in slot[c * n..][..n].iter_mut().enumerate() {
-                let indirect = linear.0[c][x].max(0) as f32 / (1 << 20) as f32;
+                let indirect = linear.0[c][x].max(0.0);
                 *out = libm::rintf((direct.0[c][x] + indirect) * 32768.0).min(65535.0) as u16;
             }
         }

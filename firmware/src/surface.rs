@@ -60,6 +60,11 @@ impl<'a> Surface<'a> {
         &mut self.pixels_xrgb[y * self.stride..][..self.width]
     }
 
+    /// All words from a pixel on, and the words from row to row; nothing if the pixel is outside.
+    pub fn from_mut(&mut self, x: usize, y: usize) -> (&mut [u32], usize) {
+        (self.pixels_xrgb.get_mut(y * self.stride + x..).unwrap_or_default(), self.stride)
+    }
+
     /// The part of the surface that a rectangle covers.
     fn clip(&self, area: &Rectangle) -> Rectangle {
         area.intersection(&Rectangle::new(Point::zero(), self.size()))

@@ -126,6 +126,14 @@ impl<'a> Tile<'a> {
         covered_pixels(self.record.mask)
     }
 
+    /// A tile of a mask and nothing else.
+    #[cfg(test)]
+    pub(crate) fn bare(mask: [u8; 32]) -> Tile<'static> {
+        let mut record = TileRecord::decode(&[0; TILE_RECORD]);
+        (record.mask, record.pixels) = (mask, mask.iter().map(|b| b.count_ones() as u16).sum());
+        Tile { record, u: &[], v: &[], v_scale: &[], rows: &[], plane_at: 0, coverage_at: None }
+    }
+
     /// Bytes of U, V and scales that a full reconstruction reads.
     pub fn bytes(&self) -> usize {
         self.u.len() + self.v.len() + self.v_scale.len() + self.rows.len()

@@ -7,10 +7,10 @@ pub use file::{FieldFile, FieldFileError};
 
 use crate::weights::PatchWeights;
 use rayon::prelude::*;
-use relume_firmware::composite::{Compositor, ViewPixels};
+use relume_firmware::composite::{Compositor, Target, ViewPixels};
 use relume_firmware::field::Field;
-use relume_firmware::kernel::{Kernel, SUN_SHIFT};
-use relume_firmware::relight::{Coefficients, LINEAR_BITS, LinearTile, TileLight};
+use relume_firmware::kernel::Kernel;
+use relume_firmware::relight::{Coefficients, LinearTile, SUN_UNIT, TileLight};
 use relume_firmware::surface::Surface;
 use relume_firmware::tile::{MAX_RANK, TILE_PIXELS, TILE_PX};
 use relume_firmware::tone::{LINEAR_SLOPE, ViewLight};
@@ -150,7 +150,7 @@ pub struct Relighter<'f> {
 }
 
 /// A tile is kept when the bound on its change is below half an 8-bit code where the tone curve is steepest.
-const HALF_CODE: f32 = 0.5 / LINEAR_SLOPE * (1 << LINEAR_BITS) as f32;
+const HALF_CODE: f32 = 0.5 / LINEAR_SLOPE;
 
 impl<'f> Relighter<'f> {
     /// A relighter on `threads` threads, 0 for one per core.
@@ -256,7 +256,7 @@ impl<'f> Relighter<'f> {
         if weights.set(&self.given.radiance, self.given.sun.as_ref(), exposure).is_err() {
             return picture;
         }
-        let scale = 1.0 / (f64::from(exposure) * f64::from(1u32 << LINEAR_BITS));
+        let scale = 1.0 / f64::from(exposure);
         let (field, kernel, max_rank) = (&self.field, self.kernel, self.max_rank);
         let sun = self.given.sun.map(|_| (self.sun.plane(), weights.sun_q16()));
         let light = TileLight { sun, standouts: weights.standouts() };
@@ -374,10 +374,9 @@ impl TileState {
             return false;
         }
         let sun_q16 = drawing.sun_q16();
-        let unit = (1u32 << SUN_SHIFT) as f32;
         let sun = |c: usize| {
             let moved = self.sun_drift as f32 * drawn.sun_q16[c].max(sun_q16[c]) as f32;
-            (moved + drawn.sun_q16[c].abs_diff(sun_q16[c]) as f32 * self.sun_peak as f32) / unit
+            (moved + drawn.sun_q16[c].abs_diff(sun_q16[c]) as f32 * self.sun_peak as f32) * SUN_UNIT
         };
         let sun = sun(0).max(sun(1)).max(sun(2));
         let bound = self.coefficients.change_bound(&drawn.coefficients) + sun;
@@ -421,11 +420,9 @@ impl Drawing<'_> {
             if index + 1 < response.tiles() {
                 Coefficients::prefetch_pixels(&response.tile(index + 1), self.compositor.kernel);
             }
-            let tile = response.tile(index);
-            state.coefficients.pixels(self.field, index, &self.light, self.compositor.kernel, &mut linear);
             let at = (column * TILE_PX, row * TILE_PX);
-            let target = (&mut surface, row * TILE_PX);
-            self.compositor.tile(&tile, &linear, self.field.coverage(index), at, target);
+            let target = Target { surface: &mut surface, surface_y0: row * TILE_PX, at };
+            self.compositor.tile(self.field, index, (&state.coefficients, &self.light), &mut linear, target);
             state.sun_drift = 0;
             self.note(state);
             drew.drawn += usize::from(!state.empty);
@@ -447,7 +444,7 @@ impl Drawing<'_> {
         state.is_drawn = true;
     }
 
-    /// A bound on what residuals change in a tile that was drawn with `old` standouts, in 1/2^20 of display white.
+    /// A bound on what residuals change in a tile that was drawn with `old` standouts, 1 = display white.
     fn residual_change(&self, index: usize, old: &[Standout]) -> f32 {
         if self.light.standouts.is_empty() && old.iter().all(|s| s.light == [0.0; 3]) {
             return 0.0;
@@ -464,6 +461,6 @@ impl Drawing<'_> {
         };
         let gone = old.iter().filter(|s| light(self.light.standouts, s.patch) == [0.0; 3]);
         let sum: f32 = self.light.standouts.iter().chain(gone).map(|s| change(s.patch)).sum();
-        sum * (1 << LINEAR_BITS) as f32 + 1.0
+        sum + 1.0 / (1 << 20) as f32
     }
 }

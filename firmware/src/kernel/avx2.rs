@@ -1,8 +1,7 @@
-//! AVX2: 16 patches, or 8 pixels, per step.
+//! AVX2: 16 patches, or 16 pixels, per step.
 
-use super::{LINEAR_LIMIT, Projection, RESIDUAL_SHIFT, Reconstruction, ResidualTerm, SUN_SHIFT};
-use crate::relight::LINEAR_BITS;
-use crate::tone::{CURVE, LINEAR_SLOPE, LINEAR_UNTIL};
+use super::{Extent, Linear, Projection, Reconstruction, Shown};
+use crate::tone::{CODE_SHIFT, LOG_BIAS, LOG_SHIFT, coefficient_bytes};
 use core::arch::x86_64::*;
 
 /// # Safety
@@ -57,121 +56,205 @@ fn horizontal_sum(acc: __m256i) -> i32 {
     _mm_cvtsi128_si32(half)
 }
 
+/// 16 pixels of a channel.
+type Pixels = [__m256; 2];
+
 /// # Safety
-/// AVX2; lengths as `Kernel::reconstruct` checks them.
+/// AVX2; lengths as `Kernel::relight` checks them.
 #[target_feature(enable = "avx2")]
-pub unsafe fn reconstruct(job: &Reconstruction<'_>, out: [&mut [i32]; 3]) {
-    let n = job.pixels;
-    let [out_r, out_g, out_b] = out;
-    let out = [out_r.as_mut_ptr(), out_g.as_mut_ptr(), out_b.as_mut_ptr()];
-    for x in (0..n).step_by(8) {
-        let mut acc = [_mm256_setzero_si256(); 3];
-        for j in 0..job.pairs[0].len() {
-            // SAFETY: (j * n + x) * 2 + 16 <= pairs * n * 2 <= u.len().
-            let u = unsafe { _mm_loadu_si128(job.u.as_ptr().add((j * n + x) * 2).cast()) };
-            let u = _mm256_cvtepi8_epi16(u);
-            for (acc, pairs) in acc.iter_mut().zip(&job.pairs) {
-                // SAFETY: the three slices have the same length.
-                let pair = unsafe { *pairs.get_unchecked(j) };
-                *acc = _mm256_add_epi32(*acc, _mm256_madd_epi16(u, _mm256_set1_epi32(pair)));
-            }
+pub unsafe fn relight(job: &Reconstruction<'_>, linear: Linear<'_>, shown: Option<Shown<'_>>) -> Extent {
+    let (out, stride) = shown.map_or((core::ptr::null_mut(), 0), |s| (s.pixels_xrgb.as_mut_ptr(), s.stride));
+    // SAFETY: as the caller promises; `out` is used only where it is shown.
+    unsafe {
+        match (linear, out.is_null()) {
+            (Linear::Skip, true) => blocks::<false, false, false>(job, [core::ptr::null_mut(); 3], out, stride),
+            (Linear::Skip, false) => blocks::<false, false, true>(job, [core::ptr::null_mut(); 3], out, stride),
+            (Linear::Write(to), true) => blocks::<true, false, false>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
+            (Linear::Write(to), false) => blocks::<true, false, true>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
+            (Linear::Add(to), true) => blocks::<true, true, false>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
+            (Linear::Add(to), false) => blocks::<true, true, true>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
         }
+    }
+}
+
+/// # Safety
+/// AVX2; `planes` hold `job.pixels` values where written, `out` the rows of 16 where shown.
+#[target_feature(enable = "avx2")]
+unsafe fn blocks<const WRITE: bool, const ADD: bool, const SHOW: bool>(
+    job: &Reconstruction<'_>,
+    planes: [*mut f32; 3],
+    out: *mut u32,
+    stride: usize,
+) -> Extent {
+    let mut smallest = [_mm256_set1_ps(f32::INFINITY); 3];
+    let mut largest = [_mm256_set1_ps(f32::NEG_INFINITY); 3];
+    for x in (0..job.pixels).step_by(16) {
+        // SAFETY: x + 16 <= job.pixels.
+        let mut rgb = unsafe { values(job, x) };
         for c in 0..3 {
-            let at = c * n + x;
-            // SAFETY: rows holds 3 n u16, the sun's plane 3 n u16, each output n i32, and x + 8 <= n.
-            unsafe {
-                let rows = _mm_loadu_si128(job.rows.as_ptr().add(2 * at).cast());
-                let mut value = scale(acc[c], _mm256_cvtepu16_epi32(rows), job.right[c], job.left[c]);
-                if let Some((plane, weight)) = job.sun {
-                    let response = _mm_loadu_si128(plane.as_ptr().add(at).cast());
-                    value = _mm256_add_epi32(value, sun(_mm256_cvtepu16_epi32(response), weight[c]));
+            for (half, value) in rgb[c].iter_mut().enumerate() {
+                if WRITE {
+                    // SAFETY: the planes hold job.pixels values.
+                    unsafe {
+                        let at = planes[c].add(x + 8 * half);
+                        if ADD {
+                            *value = _mm256_add_ps(_mm256_loadu_ps(at), *value);
+                        }
+                        _mm256_storeu_ps(at, *value);
+                    }
                 }
-                _mm256_storeu_si256(out[c].add(x).cast(), value);
+                let (mut low, mut high) = (*value, *value);
+                if x + 16 > job.covered {
+                    let counts = lanes_below(job.covered as i32 - (x + 8 * half) as i32);
+                    low = _mm256_blendv_ps(_mm256_set1_ps(f32::INFINITY), low, counts);
+                    high = _mm256_blendv_ps(_mm256_set1_ps(f32::NEG_INFINITY), high, counts);
+                }
+                smallest[c] = _mm256_min_ps(smallest[c], low);
+                largest[c] = _mm256_max_ps(largest[c], high);
+            }
+        }
+        if SHOW {
+            // SAFETY: block x/16 begins `stride` words after the one before, and holds 16.
+            unsafe { show(rgb, out.add(x / 16 * stride)) };
+        }
+    }
+    let extent = Extent { smallest: smallest.map(|v| fold(v, f32::min)), largest: largest.map(|v| fold(v, f32::max)) };
+    extent.positive_zero()
+}
+
+/// The 16 values from pixel `x` on, by the scalar path's `value`.
+///
+/// # Safety
+/// AVX2; lengths as `Kernel::relight` checks them, `x + 16 <= job.pixels`.
+#[target_feature(enable = "avx2")]
+#[inline]
+unsafe fn values(job: &Reconstruction<'_>, x: usize) -> [Pixels; 3] {
+    let n = job.pixels;
+    let mut sums = [[_mm256_setzero_si256(); 2]; 3];
+    for j in 0..job.pairs[0].len() {
+        // SAFETY: (j * n + x) * 2 + 32 <= pairs * n * 2 <= u.len(); the three slices of pairs have the same length.
+        unsafe {
+            let at = job.u.as_ptr().add((j * n + x) * 2);
+            let u = [
+                _mm256_cvtepi8_epi16(_mm_loadu_si128(at.cast())),
+                _mm256_cvtepi8_epi16(_mm_loadu_si128(at.add(16).cast())),
+            ];
+            for (sums, pairs) in sums.iter_mut().zip(&job.pairs) {
+                let pair = _mm256_set1_epi32(*pairs.get_unchecked(j));
+                for (sum, u) in sums.iter_mut().zip(u) {
+                    *sum = _mm256_add_epi32(*sum, _mm256_madd_epi16(u, pair));
+                }
             }
         }
     }
-}
-
-/// The scalar path's `scale`: the low 32 bits of `product >> right` are the value, since it fits an i32 for
-/// `right >= 16` (|product| < 2^29 * 2^16) and the bits needed lie below bit 64 for `right <= 32`.
-#[target_feature(enable = "avx2")]
-fn scale(sum: __m256i, row: __m256i, right: u32, left: u32) -> __m256i {
-    let round = _mm256_set1_epi64x(1 << (right - 1));
-    let value = scaled_product::<true>(sum, row, round, right);
-    let limit = LINEAR_LIMIT >> left;
-    let value = _mm256_max_epi32(_mm256_min_epi32(value, _mm256_set1_epi32(limit)), _mm256_set1_epi32(-limit));
-    _mm256_sll_epi32(value, _mm_cvtsi32_si128(left as i32))
-}
-
-#[target_feature(enable = "avx2")]
-fn sun(response: __m256i, weight: u32) -> __m256i {
-    let round = _mm256_set1_epi64x(1 << (SUN_SHIFT - 1));
-    scaled_product::<false>(response, _mm256_set1_epi32(weight as i32), round, SUN_SHIFT)
-}
-
-#[target_feature(enable = "avx2")]
-fn scaled_product<const SIGNED: bool>(a: __m256i, b: __m256i, round: __m256i, right: u32) -> __m256i {
-    let count = _mm_cvtsi32_si128(right as i32);
-    let (a_odd, b_odd) = (_mm256_srli_epi64::<32>(a), _mm256_srli_epi64::<32>(b));
-    let (even, odd) = if SIGNED {
-        (_mm256_mul_epi32(a, b), _mm256_mul_epi32(a_odd, b_odd))
-    } else {
-        (_mm256_mul_epu32(a, b), _mm256_mul_epu32(a_odd, b_odd))
-    };
-    let even = _mm256_srl_epi64(_mm256_add_epi64(even, round), count);
-    let odd = _mm256_srl_epi64(_mm256_add_epi64(odd, round), count);
-    _mm256_blend_epi32::<0b1010_1010>(even, _mm256_slli_epi64::<32>(odd))
+    let mut rgb = [[_mm256_setzero_ps(); 2]; 3];
+    for c in 0..3 {
+        for half in 0..2 {
+            let at = c * n + x + 8 * half;
+            // SAFETY: rows and the sun's plane hold 3 n u16.
+            unsafe {
+                let row = floats(job.rows.as_ptr().add(2 * at).cast());
+                let value =
+                    _mm256_mul_ps(_mm256_mul_ps(_mm256_cvtepi32_ps(sums[c][half]), row), _mm256_set1_ps(job.unit[c]));
+                rgb[c][half] = match job.sun {
+                    Some((plane, weight)) => {
+                        let light = _mm256_mul_ps(floats(plane.as_ptr().add(at).cast()), _mm256_set1_ps(weight[c]));
+                        _mm256_add_ps(value, light)
+                    }
+                    None => value,
+                };
+            }
+        }
+    }
+    rgb
 }
 
 /// # Safety
-/// AVX2; lengths as `Kernel::add_residual` checks them.
+/// AVX2; eight u16 at `at`.
 #[target_feature(enable = "avx2")]
-pub unsafe fn add_residual(term: &ResidualTerm<'_>, out: [&mut [i32]; 3]) {
-    let n = term.pixels;
-    let round = _mm256_set1_epi32(1 << (RESIDUAL_SHIFT - 1));
-    for (c, out) in out.into_iter().enumerate() {
-        let factor = _mm256_set1_epi32(term.factor[c]);
-        for x in (0..n).step_by(8) {
-            // SAFETY: the codes hold 3 n bytes, the output n i32, and x + 8 <= n.
-            unsafe {
-                let codes = _mm256_cvtepi8_epi32(_mm_loadl_epi64(term.codes.as_ptr().add(c * n + x).cast()));
-                let product = _mm256_add_epi32(_mm256_mullo_epi32(codes, factor), round);
-                let at = out.as_mut_ptr().add(x).cast();
-                let sum =
-                    _mm256_add_epi32(_mm256_loadu_si256(at), _mm256_srai_epi32::<{ RESIDUAL_SHIFT as i32 }>(product));
-                _mm256_storeu_si256(at, sum);
-            }
-        }
-    }
+#[inline]
+unsafe fn floats(at: *const __m128i) -> __m256 {
+    // SAFETY: as the caller promises.
+    _mm256_cvtepi32_ps(_mm256_cvtepu16_epi32(unsafe { _mm_loadu_si128(at) }))
+}
+
+#[target_feature(enable = "avx2")]
+#[inline]
+fn lanes_below(count: i32) -> __m256 {
+    let lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+    _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(count), lanes))
+}
+
+#[target_feature(enable = "avx2")]
+#[inline]
+fn fold(lanes: __m256, of: fn(f32, f32) -> f32) -> f32 {
+    let mut values = [0f32; 8];
+    // SAFETY: the array holds eight f32.
+    unsafe { _mm256_storeu_ps(values.as_mut_ptr(), lanes) };
+    values[1..].iter().fold(values[0], |a, &b| of(a, b))
 }
 
 /// # Safety
 /// AVX2; lengths as `Kernel::tone` checks them.
 #[target_feature(enable = "avx2")]
-pub unsafe fn tone(linear: [&[i32]; 3], out_xrgb: &mut [u32]) {
-    for x in (0..out_xrgb.len()).step_by(8) {
-        // SAFETY: the planes and the output have the same length, a multiple of 8.
-        let [r, g, b] = linear.map(|plane| unsafe { codes(_mm256_loadu_si256(plane.as_ptr().add(x).cast())) });
-        let word = _mm256_or_si256(_mm256_or_si256(_mm256_slli_epi32::<16>(r), _mm256_slli_epi32::<8>(g)), b);
-        // SAFETY: as above.
-        unsafe { _mm256_storeu_si256(out_xrgb.as_mut_ptr().add(x).cast(), word) };
+pub unsafe fn tone(linear: [&[f32]; 3], out_xrgb: &mut [u32]) {
+    for x in (0..out_xrgb.len()).step_by(16) {
+        // SAFETY: the planes and the output have the same length, a multiple of 16.
+        unsafe {
+            let rgb = linear
+                .map(|plane| [_mm256_loadu_ps(plane.as_ptr().add(x)), _mm256_loadu_ps(plane.as_ptr().add(x + 8))]);
+            show(rgb, out_xrgb.as_mut_ptr().add(x));
+        }
     }
 }
 
-/// [`crate::tone::code`], step by step in the same order.
+/// Sixteen pixels' codes as 0x00RRGGBB.
+///
+/// # Safety
+/// AVX2; room for 16 words at `out`.
 #[target_feature(enable = "avx2")]
-fn codes(linear: __m256i) -> __m256i {
-    let held = _mm256_max_epi32(_mm256_min_epi32(linear, _mm256_set1_epi32(1 << LINEAR_BITS)), _mm256_setzero_si256());
-    let x = _mm256_mul_ps(_mm256_cvtepi32_ps(held), _mm256_set1_ps(1.0 / (1 << LINEAR_BITS) as f32));
-    let t = _mm256_sqrt_ps(_mm256_sqrt_ps(x));
-    let mut bright = _mm256_set1_ps(CURVE[0]);
-    for &coefficient in &CURVE[1..] {
-        bright = _mm256_add_ps(_mm256_mul_ps(bright, t), _mm256_set1_ps(coefficient));
+#[inline]
+unsafe fn show(rgb: [Pixels; 3], out: *mut u32) {
+    let [r, g, b] = rgb.map(|pixels| codes(pixels));
+    let gb = _mm256_or_si256(_mm256_slli_epi16::<8>(g), b);
+    // Unpacking undoes the order that packing left.
+    // SAFETY: as the caller promises.
+    unsafe {
+        _mm256_storeu_si256(out.cast(), _mm256_unpacklo_epi16(gb, r));
+        _mm256_storeu_si256(out.add(8).cast(), _mm256_unpackhi_epi16(gb, r));
     }
-    let dark = _mm256_mul_ps(x, _mm256_set1_ps(LINEAR_SLOPE));
-    let is_dark = _mm256_cmp_ps::<_CMP_LE_OQ>(x, _mm256_set1_ps(LINEAR_UNTIL));
-    let code = _mm256_blendv_ps(bright, dark, is_dark);
-    _mm256_cvttps_epi32(_mm256_add_ps(code, _mm256_set1_ps(0.5)))
+}
+
+/// [`crate::tone::code`] of 16 pixels, in 16-bit lanes, ordered 0..4, 8..12, 4..8, 12..16.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn codes(linear: Pixels) -> __m256i {
+    let log = |v: __m256| {
+        _mm256_sub_epi32(_mm256_srai_epi32::<LOG_SHIFT>(_mm256_castps_si256(v)), _mm256_set1_epi32(LOG_BIAS))
+    };
+    let log = _mm256_packus_epi32(log(linear[0]), log(linear[1]));
+    let place = _mm256_xor_si256(_mm256_slli_epi16::<4>(log), _mm256_set1_epi16(-0x8000));
+    // The octave in the low or the high byte of each lane; a set top bit makes the other byte zero.
+    let octave = _mm256_srli_epi16::<12>(log);
+    let low = _mm256_or_si256(octave, _mm256_set1_epi16(-0x8000));
+    let high = _mm256_or_si256(_mm256_slli_epi16::<8>(octave), _mm256_set1_epi16(0x80));
+    let wide = |low_bytes: &[u8; 16], high_bytes: &[u8; 16]| {
+        _mm256_or_si256(_mm256_shuffle_epi8(table(low_bytes), low), _mm256_shuffle_epi8(table(high_bytes), high))
+    };
+    let c3 = _mm256_shuffle_epi8(table(const { &coefficient_bytes(3, 0) }), low);
+    let h2 = _mm256_shuffle_epi8(table(const { &coefficient_bytes(2, 0) }), low);
+    let c1 = wide(const { &coefficient_bytes(1, 0) }, const { &coefficient_bytes(1, 1) });
+    let c0 = wide(const { &coefficient_bytes(0, 0) }, const { &coefficient_bytes(0, 1) });
+    let inner = _mm256_sub_epi16(_mm256_mulhrs_epi16(c3, place), _mm256_add_epi16(h2, h2));
+    let middle = _mm256_add_epi16(c1, _mm256_mulhrs_epi16(inner, place));
+    _mm256_srli_epi16::<CODE_SHIFT>(_mm256_add_epi16(c0, _mm256_mulhrs_epi16(middle, place)))
+}
+
+#[target_feature(enable = "avx2")]
+#[inline]
+fn table(bytes: &[u8; 16]) -> __m256i {
+    // SAFETY: the table holds 16 bytes.
+    _mm256_broadcastsi128_si256(unsafe { _mm_loadu_si128(bytes.as_ptr().cast()) })
 }
 
 /// See [`super::Kernel::prefetch`].

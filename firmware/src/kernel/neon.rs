@@ -1,8 +1,7 @@
-//! NEON (`smlal`): 16 patches, or 8 pixels, per step. Part of the aarch64 baseline.
+//! NEON (`smlal`): 16 patches, or 16 pixels, per step. Part of the aarch64 baseline.
 
-use super::{LINEAR_LIMIT, Projection, RESIDUAL_SHIFT, Reconstruction, ResidualTerm, SUN_SHIFT};
-use crate::relight::LINEAR_BITS;
-use crate::tone::{CURVE, LINEAR_SLOPE, LINEAR_UNTIL};
+use super::{Extent, Linear, Projection, Reconstruction, Shown};
+use crate::tone::{CODE_SHIFT, LOG_BIAS, LOG_SHIFT, coefficient_bytes};
 use core::arch::aarch64::*;
 
 /// # Safety
@@ -28,120 +27,215 @@ pub unsafe fn project(job: &Projection<'_>, out: &mut [i32]) {
     }
 }
 
+/// Eight pixels of a channel.
+type Pixels = [float32x4_t; 2];
+/// Sums of eight pixels, per channel.
+type Sums = [[int32x4_t; 2]; 3];
+
 /// # Safety
-/// Lengths as `Kernel::reconstruct` checks them.
+/// Lengths as `Kernel::relight` checks them.
 #[target_feature(enable = "neon")]
-pub unsafe fn reconstruct(job: &Reconstruction<'_>, out: [&mut [i32]; 3]) {
-    let n = job.pixels;
-    let [out_r, out_g, out_b] = out;
-    let out = [out_r.as_mut_ptr(), out_g.as_mut_ptr(), out_b.as_mut_ptr()];
-    for x in (0..n).step_by(8) {
-        let mut acc = [[vdupq_n_s32(0); 2]; 3];
-        for j in 0..job.pairs[0].len() {
-            // SAFETY: (j * n + x) * 2 + 16 <= pairs * n * 2 <= u.len().
-            let u = unsafe { vld2_s8(job.u.as_ptr().add((j * n + x) * 2).cast()) };
-            let (even, odd) = (vmovl_s8(u.0), vmovl_s8(u.1));
-            for (acc, pairs) in acc.iter_mut().zip(&job.pairs) {
-                // SAFETY: the three slices have the same length.
-                let pair = unsafe { *pairs.get_unchecked(j) };
-                let (q_even, q_odd) = (pair as i16, (pair >> 16) as i16);
-                acc[0] = vmlal_n_s16(acc[0], vget_low_s16(even), q_even);
-                acc[1] = vmlal_high_n_s16(acc[1], even, q_even);
-                acc[0] = vmlal_n_s16(acc[0], vget_low_s16(odd), q_odd);
-                acc[1] = vmlal_high_n_s16(acc[1], odd, q_odd);
-            }
+pub unsafe fn relight(job: &Reconstruction<'_>, linear: Linear<'_>, shown: Option<Shown<'_>>) -> Extent {
+    let (out, stride) = shown.map_or((core::ptr::null_mut(), 0), |s| (s.pixels_xrgb.as_mut_ptr(), s.stride));
+    // SAFETY: as the caller promises; planes and `out` are used only where they are written and shown.
+    unsafe {
+        match (linear, out.is_null()) {
+            (Linear::Skip, true) => blocks::<false, false, false>(job, [core::ptr::null_mut(); 3], out, stride),
+            (Linear::Skip, false) => blocks::<false, false, true>(job, [core::ptr::null_mut(); 3], out, stride),
+            (Linear::Write(to), true) => blocks::<true, false, false>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
+            (Linear::Write(to), false) => blocks::<true, false, true>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
+            (Linear::Add(to), true) => blocks::<true, true, false>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
+            (Linear::Add(to), false) => blocks::<true, true, true>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
         }
-        for c in 0..3 {
-            let at = c * n + x;
-            // SAFETY: rows holds 3 n u16, the sun's plane 3 n u16, each output n i32, and x + 8 <= n.
-            unsafe {
-                let rows = vreinterpretq_u16_u8(vld1q_u8(job.rows.as_ptr().add(2 * at)));
-                let rows = [vmovl_u16(vget_low_u16(rows)), vmovl_high_u16(rows)];
-                let mut value = [
-                    scale(acc[c][0], rows[0], job.right[c], job.left[c]),
-                    scale(acc[c][1], rows[1], job.right[c], job.left[c]),
-                ];
-                if let Some((plane, weight)) = job.sun {
-                    let response = vld1q_u16(plane.as_ptr().add(at));
-                    value[0] = vaddq_s32(value[0], sun(vmovl_u16(vget_low_u16(response)), weight[c]));
-                    value[1] = vaddq_s32(value[1], sun(vmovl_high_u16(response), weight[c]));
+    }
+}
+
+/// # Safety
+/// `planes` hold `job.pixels` values where written, `out` the rows of 16 where shown.
+#[target_feature(enable = "neon")]
+unsafe fn blocks<const WRITE: bool, const ADD: bool, const SHOW: bool>(
+    job: &Reconstruction<'_>,
+    planes: [*mut f32; 3],
+    out: *mut u32,
+    stride: usize,
+) -> Extent {
+    let mut smallest = [vdupq_n_f32(f32::INFINITY); 3];
+    let mut largest = [vdupq_n_f32(f32::NEG_INFINITY); 3];
+    for x in (0..job.pixels).step_by(16) {
+        let mut logs = [[vdupq_n_u16(0); 2]; 3];
+        for half in 0..2 {
+            let x = x + 8 * half;
+            // SAFETY: x + 8 <= job.pixels.
+            let sums = unsafe { sums(job, x) };
+            for c in 0..3 {
+                // SAFETY: x + 8 <= job.pixels.
+                let mut value = unsafe { values(job, x, c, sums[c]) };
+                for quarter in 0..2 {
+                    let (value, x) = (&mut value[quarter], x + 4 * quarter);
+                    if WRITE {
+                        // SAFETY: the planes hold job.pixels values.
+                        unsafe {
+                            if ADD {
+                                *value = vaddq_f32(vld1q_f32(planes[c].add(x)), *value);
+                            }
+                            vst1q_f32(planes[c].add(x), *value);
+                        }
+                    }
+                    let (mut low, mut high) = (*value, *value);
+                    if x + 4 > job.covered {
+                        let counts = lanes_below(job.covered as i32 - x as i32);
+                        low = vbslq_f32(counts, low, vdupq_n_f32(f32::INFINITY));
+                        high = vbslq_f32(counts, high, vdupq_n_f32(f32::NEG_INFINITY));
+                    }
+                    smallest[c] = vminq_f32(smallest[c], low);
+                    largest[c] = vmaxq_f32(largest[c], high);
                 }
-                vst1q_s32(out[c].add(x), value[0]);
-                vst1q_s32(out[c].add(x + 4), value[1]);
+                if SHOW {
+                    logs[c][half] = log16(value);
+                }
             }
         }
+        if SHOW {
+            // SAFETY: block x/16 begins `stride` words after the one before, and holds 16.
+            unsafe { show(logs, out.add(x / 16 * stride)) };
+        }
     }
+    let extent = Extent { smallest: smallest.map(|v| vminvq_f32(v)), largest: largest.map(|v| vmaxvq_f32(v)) };
+    extent.positive_zero()
 }
 
-/// The scalar path's `scale`: `vrshl` by a negative count is a rounding shift right.
-#[target_feature(enable = "neon")]
-fn scale(sum: int32x4_t, row: uint32x4_t, right: u32, left: u32) -> int32x4_t {
-    let row = vreinterpretq_s32_u32(row);
-    let count = vdupq_n_s64(-i64::from(right));
-    let low = vrshlq_s64(vmull_s32(vget_low_s32(sum), vget_low_s32(row)), count);
-    let high = vrshlq_s64(vmull_high_s32(sum, row), count);
-    let value = vcombine_s32(vmovn_s64(low), vmovn_s64(high));
-    let limit = LINEAR_LIMIT >> left;
-    let value = vmaxq_s32(vminq_s32(value, vdupq_n_s32(limit)), vdupq_n_s32(-limit));
-    vshlq_s32(value, vdupq_n_s32(left as i32))
-}
-
-#[target_feature(enable = "neon")]
-fn sun(response: uint32x4_t, weight: u32) -> int32x4_t {
-    const SHIFT: i32 = SUN_SHIFT as i32;
-    let weight = vdup_n_u32(weight);
-    let low = vrshrn_n_u64::<SHIFT>(vmull_u32(vget_low_u32(response), weight));
-    let high = vrshrn_n_u64::<SHIFT>(vmull_u32(vget_high_u32(response), weight));
-    vreinterpretq_s32_u32(vcombine_u32(low, high))
-}
-
+/// Integer sums of the eight pixels from `x` on. Even and odd ranks stay in lanes of their own until the end.
+///
 /// # Safety
-/// Lengths as `Kernel::add_residual` checks them.
+/// Lengths as `Kernel::relight` checks them, `x + 8 <= job.pixels`.
 #[target_feature(enable = "neon")]
-pub unsafe fn add_residual(term: &ResidualTerm<'_>, out: [&mut [i32]; 3]) {
-    const SHIFT: i32 = RESIDUAL_SHIFT as i32;
-    let n = term.pixels;
-    for (c, out) in out.into_iter().enumerate() {
-        for x in (0..n).step_by(8) {
-            // SAFETY: the codes hold 3 n bytes, the output n i32, and x + 8 <= n.
-            unsafe {
-                let codes = vmovl_s8(vld1_s8(term.codes.as_ptr().add(c * n + x).cast()));
-                let low = vmulq_n_s32(vmovl_s16(vget_low_s16(codes)), term.factor[c]);
-                let high = vmulq_n_s32(vmovl_high_s16(codes), term.factor[c]);
-                let at = out.as_mut_ptr().add(x);
-                vst1q_s32(at, vaddq_s32(vld1q_s32(at), vrshrq_n_s32::<SHIFT>(low)));
-                vst1q_s32(at.add(4), vaddq_s32(vld1q_s32(at.add(4)), vrshrq_n_s32::<SHIFT>(high)));
+#[inline]
+unsafe fn sums(job: &Reconstruction<'_>, x: usize) -> Sums {
+    let mut sums = [[vdupq_n_s32(0); 4]; 3];
+    for j in 0..job.pairs[0].len() {
+        // SAFETY: (j * n + x) * 2 + 16 <= pairs * n * 2 <= u.len(); the three slices of pairs have the same length.
+        unsafe {
+            let u = vld1q_s8(job.u.as_ptr().add((j * job.pixels + x) * 2).cast());
+            let (low, high) = (vmovl_s8(vget_low_s8(u)), vmovl_high_s8(u));
+            for (sums, pairs) in sums.iter_mut().zip(&job.pairs) {
+                let pair = vreinterpretq_s16_s32(vld1q_dup_s32(pairs.as_ptr().add(j)));
+                sums[0] = vmlal_s16(sums[0], vget_low_s16(low), vget_low_s16(pair));
+                sums[1] = vmlal_high_s16(sums[1], low, pair);
+                sums[2] = vmlal_s16(sums[2], vget_low_s16(high), vget_low_s16(pair));
+                sums[3] = vmlal_high_s16(sums[3], high, pair);
             }
         }
     }
+    sums.map(|sums| [vpaddq_s32(sums[0], sums[1]), vpaddq_s32(sums[2], sums[3])])
+}
+
+/// Eight pixels of channel `c` from `x` on, by the scalar path's `value`; no fused multiply-add, which rounds once less.
+///
+/// # Safety
+/// Lengths as `Kernel::relight` checks them, `x + 8 <= job.pixels`.
+#[target_feature(enable = "neon")]
+#[inline]
+unsafe fn values(job: &Reconstruction<'_>, x: usize, c: usize, sums: [int32x4_t; 2]) -> Pixels {
+    let at = c * job.pixels + x;
+    // SAFETY: rows and the sun's plane hold 3 n u16.
+    unsafe {
+        let rows = floats(vreinterpretq_u16_u8(vld1q_u8(job.rows.as_ptr().add(2 * at))));
+        let patches = |half: usize| vmulq_n_f32(vmulq_f32(vcvtq_f32_s32(sums[half]), rows[half]), job.unit[c]);
+        let value = [patches(0), patches(1)];
+        let Some((plane, weight)) = job.sun else { return value };
+        let response = floats(vld1q_u16(plane.as_ptr().add(at)));
+        let lit = |half: usize| vaddq_f32(value[half], vmulq_n_f32(response[half], weight[c]));
+        [lit(0), lit(1)]
+    }
+}
+
+#[target_feature(enable = "neon")]
+#[inline]
+fn floats(values: uint16x8_t) -> Pixels {
+    [vcvtq_f32_u32(vmovl_u16(vget_low_u16(values))), vcvtq_f32_u32(vmovl_high_u16(values))]
+}
+
+#[target_feature(enable = "neon")]
+#[inline]
+fn lanes_below(count: i32) -> uint32x4_t {
+    const LANES: [i32; 4] = [0, 1, 2, 3];
+    // SAFETY: four i32.
+    vcgtq_s32(vdupq_n_s32(count), unsafe { vld1q_s32(LANES.as_ptr()) })
 }
 
 /// # Safety
 /// Lengths as `Kernel::tone` checks them.
 #[target_feature(enable = "neon")]
-pub unsafe fn tone(linear: [&[i32]; 3], out_xrgb: &mut [u32]) {
-    for x in (0..out_xrgb.len()).step_by(4) {
-        // SAFETY: the planes and the output have the same length, a multiple of 8.
-        let [r, g, b] = linear.map(|plane| unsafe { codes(vld1q_s32(plane.as_ptr().add(x))) });
-        let word = vorrq_u32(vorrq_u32(vshlq_n_u32::<16>(r), vshlq_n_u32::<8>(g)), b);
-        // SAFETY: as above.
-        unsafe { vst1q_u32(out_xrgb.as_mut_ptr().add(x), word) };
+pub unsafe fn tone(linear: [&[f32]; 3], out_xrgb: &mut [u32]) {
+    for x in (0..out_xrgb.len()).step_by(16) {
+        // SAFETY: the planes and the output have the same length, a multiple of 16.
+        unsafe {
+            let eight = |at: *const f32| log16([vld1q_f32(at), vld1q_f32(at.add(4))]);
+            let logs = linear.map(|plane| {
+                let at = plane.as_ptr().add(x);
+                [eight(at), eight(at.add(8))]
+            });
+            show(logs, out_xrgb.as_mut_ptr().add(x));
+        }
     }
 }
 
-/// [`crate::tone::code`], step by step in the same order; no fused multiply-add, which would round once less.
+/// The scalar path's `log16`. Subtracting saturates, so that no negative float wraps; narrowing saturates to 0..=65535.
 #[target_feature(enable = "neon")]
-fn codes(linear: int32x4_t) -> uint32x4_t {
-    let held = vmaxq_s32(vminq_s32(linear, vdupq_n_s32(1 << LINEAR_BITS)), vdupq_n_s32(0));
-    let x = vmulq_n_f32(vcvtq_f32_s32(held), 1.0 / (1 << LINEAR_BITS) as f32);
-    let t = vsqrtq_f32(vsqrtq_f32(x));
-    let mut bright = vdupq_n_f32(CURVE[0]);
-    for &coefficient in &CURVE[1..] {
-        bright = vaddq_f32(vmulq_f32(bright, t), vdupq_n_f32(coefficient));
+#[inline]
+fn log16(value: Pixels) -> uint16x8_t {
+    let above = |v: float32x4_t| vqsubq_s32(vreinterpretq_s32_f32(v), vdupq_n_s32(LOG_BIAS << LOG_SHIFT));
+    vqshrun_high_n_s32::<LOG_SHIFT>(vqshrun_n_s32::<LOG_SHIFT>(above(value[0])), above(value[1]))
+}
+
+/// Sixteen pixels' codes as 0x00RRGGBB.
+///
+/// # Safety
+/// Room for 16 words at `out`.
+#[target_feature(enable = "neon")]
+#[inline]
+unsafe fn show(logs: [[uint16x8_t; 2]; 3], out: *mut u32) {
+    let [r, g, b] = logs.map(|logs| codes(logs));
+    let gb = [vreinterpretq_u16_u8(vzip1q_u8(b, g)), vreinterpretq_u16_u8(vzip2q_u8(b, g))];
+    let r = [vmovl_u8(vget_low_u8(r)), vmovl_high_u8(r)];
+    for half in 0..2 {
+        // SAFETY: as the caller promises.
+        unsafe {
+            let at = out.add(8 * half);
+            vst1q_u32(at, vreinterpretq_u32_u16(vzip1q_u16(gb[half], r[half])));
+            vst1q_u32(at.add(4), vreinterpretq_u32_u16(vzip2q_u16(gb[half], r[half])));
+        }
     }
-    let dark = vmulq_n_f32(x, LINEAR_SLOPE);
-    let code = vbslq_f32(vcleq_f32(x, vdupq_n_f32(LINEAR_UNTIL)), dark, bright);
-    vcvtq_u32_f32(vaddq_f32(code, vdupq_n_f32(0.5)))
+}
+
+/// [`crate::tone::code`] of 16 pixels.
+#[target_feature(enable = "neon")]
+#[inline]
+fn codes(logs: [uint16x8_t; 2]) -> uint8x16_t {
+    let octave = vshrq_n_u8::<4>(vuzp2q_u8(vreinterpretq_u8_u16(logs[0]), vreinterpretq_u8_u16(logs[1])));
+    let bytes = |which: &[u8; 16]| {
+        // SAFETY: the table holds 16 bytes.
+        vqtbl1q_u8(unsafe { vld1q_u8(which.as_ptr()) }, octave)
+    };
+    let wide = |low: &[u8; 16], high: &[u8; 16]| {
+        let (low, high) = (bytes(low), bytes(high));
+        [vreinterpretq_s16_u8(vzip1q_u8(low, high)), vreinterpretq_s16_u8(vzip2q_u8(low, high))]
+    };
+    let c3 = bytes(const { &coefficient_bytes(3, 0) });
+    let h2 = bytes(const { &coefficient_bytes(2, 0) });
+    let c3 = [vmovl_u8(vget_low_u8(c3)), vmovl_high_u8(c3)];
+    let c2 = [vshll_n_u8::<1>(vget_low_u8(h2)), vshll_high_n_u8::<1>(h2)];
+    let c1 = wide(const { &coefficient_bytes(1, 0) }, const { &coefficient_bytes(1, 1) });
+    let c0 = wide(const { &coefficient_bytes(0, 0) }, const { &coefficient_bytes(0, 1) });
+    let q7 = |half: usize| {
+        let place = veorq_u16(vshlq_n_u16::<4>(logs[half]), vdupq_n_u16(0x8000));
+        let place = vreinterpretq_s16_u16(place);
+        let inner = vqrdmulhq_s16(vreinterpretq_s16_u16(c3[half]), place);
+        let inner = vsubq_s16(inner, vreinterpretq_s16_u16(c2[half]));
+        let middle = vaddq_s16(c1[half], vqrdmulhq_s16(inner, place));
+        vreinterpretq_u16_s16(vaddq_s16(c0[half], vqrdmulhq_s16(middle, place)))
+    };
+    vshrn_high_n_u16::<CODE_SHIFT>(vshrn_n_u16::<CODE_SHIFT>(q7(0)), q7(1))
 }
 
 /// See [`super::Kernel::prefetch`].

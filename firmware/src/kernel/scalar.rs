@@ -1,7 +1,8 @@
-//! The normative kernels, in plain integers.
+//! The normative kernels: integer sums, then single precision step by step.
 
-use super::{LINEAR_LIMIT, Projection, RESIDUAL_SHIFT, Reconstruction, ResidualTerm, SUN_SHIFT};
+use super::{Extent, Linear, Projection, Reconstruction, Shown};
 use crate::surface::xrgb;
+use crate::tile::TILE_PX;
 use crate::tone;
 
 /// See [`super::Kernel::project`].
@@ -18,49 +19,46 @@ pub fn project(job: &Projection<'_>, out: &mut [i32]) {
     }
 }
 
-/// See [`super::Kernel::reconstruct`].
-pub fn reconstruct(job: &Reconstruction<'_>, out: [&mut [i32]; 3]) {
+/// See [`super::Kernel::relight`].
+pub fn relight(job: &Reconstruction<'_>, mut linear: Linear<'_>, mut shown: Option<Shown<'_>>) -> Extent {
+    let mut extent = Extent::EMPTY;
+    for x in 0..job.pixels {
+        let mut rgb = core::array::from_fn(|c| value(job, c, x));
+        match &mut linear {
+            Linear::Skip => {}
+            Linear::Write(planes) => (0..3).for_each(|c| planes[c][x] = rgb[c]),
+            Linear::Add(planes) => (0..3).for_each(|c| {
+                planes[c][x] += rgb[c];
+                rgb[c] = planes[c][x];
+            }),
+        }
+        if x < job.covered {
+            extent.include(rgb);
+        }
+        if let Some(shown) = &mut shown {
+            shown.pixels_xrgb[x / TILE_PX * shown.stride + x % TILE_PX] = xrgb(rgb.map(tone::code));
+        }
+    }
+    extent.positive_zero()
+}
+
+/// `(sum * row) * unit + response * weight`, each operation rounded by itself.
+fn value(job: &Reconstruction<'_>, c: usize, x: usize) -> f32 {
     let n = job.pixels;
-    for (c, out) in out.into_iter().enumerate() {
-        for (x, value) in out.iter_mut().enumerate() {
-            let mut sum = 0i32;
-            for (j, &pair) in job.pairs[c].iter().enumerate() {
-                let at = (j * n + x) * 2;
-                let (even, odd) = (i32::from(pair as i16), pair >> 16);
-                sum = sum.wrapping_add(i32::from(job.u[at] as i8) * even + i32::from(job.u[at + 1] as i8) * odd);
-            }
-            let at = 2 * (c * n + x);
-            let row = i64::from(u16::from_le_bytes([job.rows[at], job.rows[at + 1]]));
-            *value = scale(sum, row, job.right[c], job.left[c]);
-            if let Some((plane, weight)) = job.sun {
-                *value += sun(plane[c * n + x], weight[c]);
-            }
-        }
+    let mut sum = 0i32;
+    for (j, &pair) in job.pairs[c].iter().enumerate() {
+        let at = (j * n + x) * 2;
+        let (even, odd) = (i32::from(pair as i16), pair >> 16);
+        sum = sum.wrapping_add(i32::from(job.u[at] as i8) * even + i32::from(job.u[at + 1] as i8) * odd);
     }
-}
-
-/// `sum * row`, rounded, shifted right, held in range and shifted left.
-fn scale(sum: i32, row: i64, right: u32, left: u32) -> i32 {
-    let rounded = (i64::from(sum) * row + (1 << (right - 1))) >> right;
-    let limit = LINEAR_LIMIT >> left;
-    (rounded as i32).clamp(-limit, limit) << left
-}
-
-fn sun(response: u16, weight: u32) -> i32 {
-    ((u64::from(response) * u64::from(weight) + (1 << (SUN_SHIFT - 1))) >> SUN_SHIFT) as i32
-}
-
-/// See [`super::Kernel::add_residual`].
-pub fn add_residual(term: &ResidualTerm<'_>, out: [&mut [i32]; 3]) {
-    for (c, out) in out.into_iter().enumerate() {
-        for (&code, value) in term.codes[c * term.pixels..].iter().zip(out) {
-            *value += (i32::from(code as i8) * term.factor[c] + (1 << (RESIDUAL_SHIFT - 1))) >> RESIDUAL_SHIFT;
-        }
-    }
+    let at = 2 * (c * n + x);
+    let row = f32::from(u16::from_le_bytes([job.rows[at], job.rows[at + 1]]));
+    let value = sum as f32 * row * job.unit[c];
+    job.sun.map_or(value, |(plane, weight)| value + f32::from(plane[c * n + x]) * weight[c])
 }
 
 /// See [`super::Kernel::tone`].
-pub fn tone(linear: [&[i32]; 3], out_xrgb: &mut [u32]) {
+pub fn tone(linear: [&[f32]; 3], out_xrgb: &mut [u32]) {
     for (x, out) in out_xrgb.iter_mut().enumerate() {
         *out = xrgb(linear.map(|plane| tone::code(plane[x])));
     }

@@ -1,6 +1,7 @@
 //! Every path against the scalar one, over random and worst-case inputs, with guards around the outputs.
 
 use super::*;
+use crate::tone::srgb_code;
 
 /// SplitMix64 (Steele, Lea, Flood 2014).
 struct Random(u64);
@@ -43,8 +44,8 @@ fn signed(fill: Fill, random: &mut Random, at: usize, largest: i32) -> i32 {
 }
 
 #[test]
-fn projection_equals_scalar() {
-    let (fast, mut random) = (Kernel::detect(), Random(1));
+fn projections_are_the_exact_sums() {
+    let mut random = Random(1);
     for round in 0..60 {
         let fill = FILLS[round % 4];
         let (stride, rank) = (16 * (1 + random.below(68)), random.below(129));
@@ -54,116 +55,214 @@ fn projection_equals_scalar() {
         let weights: Vec<i16> = (0..stride).map(|k| signed(fill, &mut random, k, largest) as i16).collect();
         let lit: Vec<u8> = (0..stride / 16).filter(|_| random.below(4) != 0).map(|b| b as u8).collect();
         let job = Projection { v: &v, weights: &weights, lit_blocks: &lit };
-        let (mut expected, mut found) = (vec![7; rank + 2], vec![7; rank + 2]);
-        Kernel::SCALAR.project(&job, &mut expected[1..=rank]);
-        fast.project(&job, &mut found[1..=rank]);
-        assert_eq!(expected, found, "{} {fill:?} stride {stride} rank {rank}", fast.name());
         let exact = |k: usize| -> i64 {
             let term = |i: usize| i64::from(v[k * stride + i] as i8) * i64::from(weights[i]);
             lit.iter().flat_map(|&block| usize::from(block) * 16..usize::from(block) * 16 + 16).map(term).sum()
         };
-        assert!((0..rank).all(|k| i64::from(found[k + 1]) == exact(k)), "an i32 lane overflowed");
+        let expected: Vec<i64> = [7].into_iter().chain((0..rank).map(exact)).chain([7]).collect();
+        for kernel in Kernel::paths() {
+            let mut found = vec![7; rank + 2];
+            kernel.project(&job, &mut found[1..=rank]);
+            let found: Vec<i64> = found.into_iter().map(i64::from).collect();
+            assert_eq!(expected, found, "{} {fill:?} stride {stride} rank {rank}", kernel.name());
+        }
     }
 }
 
-#[test]
-fn reconstruction_equals_scalar_and_an_i64_sum() {
-    let (fast, mut random) = (Kernel::detect(), Random(2));
-    for round in 0..120 {
+/// A job's storage.
+struct Case {
+    fill: Fill,
+    pixels: usize,
+    covered: usize,
+    u: Vec<u8>,
+    pairs: [Vec<i32>; 3],
+    rows: Vec<u8>,
+    unit: [f32; 3],
+    response: Vec<u16>,
+    weight: Option<[f32; 3]>,
+    stride: usize,
+}
+
+impl Case {
+    fn new(round: usize, random: &mut Random) -> Self {
         let fill = FILLS[round % 4];
-        let (n, pairs) = (16 * (1 + random.below(16)), random.below(65));
-        let u: Vec<u8> = (0..pairs * n * 2).map(|k| signed(fill, &mut random, k, 127) as i8 as u8).collect();
+        let (pixels, pairs) = (16 * (1 + random.below(16)), random.below(65));
+        // Mostly light between 0 and 1, where the codes are; sometimes the ends of the range.
+        let bits = (pairs as f32 * 2.0 + 1.0).log2() as i32 / 2 + 37;
+        let largest_row =
+            |random: &mut Random| if round.is_multiple_of(3) { 0xffff } else { random.below(65536) as u16 };
         let pair = |random: &mut Random, k: usize| {
             let (a, b) = (signed(fill, random, 2 * k, 32767), signed(fill, random, 2 * k + 1, 32767));
             a & 0xffff | b << 16
         };
-        let q: [Vec<i32>; 3] = core::array::from_fn(|_| (0..pairs).map(|k| pair(&mut random, k)).collect());
-        let row = |random: &mut Random| if round % 3 == 0 { 0xffff } else { random.below(65536) as u16 };
-        let rows: Vec<u8> = (0..3 * n).flat_map(|_| row(&mut random).to_le_bytes()).collect();
-        let plane: Vec<u16> = (0..3 * n).map(|_| row(&mut random)).collect();
-        let right = core::array::from_fn(|_| 16 + random.below(17) as u32);
-        let left = core::array::from_fn(|_| if round % 5 == 0 { random.below(31) as u32 } else { 0 });
-        let sun = (round % 2 == 0)
-            .then(|| (&plane[..], core::array::from_fn(|_| crate::weights::MAX_SUN_Q16 >> random.below(20) as u32)));
-        let job =
-            Reconstruction { u: &u, pixels: n, pairs: q.each_ref().map(|q| &q[..]), rows: &rows, right, left, sun };
-        let mut expected = vec![vec![-1; n + 16]; 3];
-        let mut found = expected.clone();
-        for (kernel, out) in [(Kernel::SCALAR, &mut expected), (fast, &mut found)] {
-            let [r, g, b] = &mut out[..] else { unreachable!() };
-            kernel.reconstruct(&job, [&mut r[8..8 + n], &mut g[8..8 + n], &mut b[8..8 + n]]);
+        Case {
+            fill,
+            pixels,
+            covered: pixels - random.below(16),
+            u: (0..pairs * pixels * 2).map(|k| signed(fill, random, k, 127) as i8 as u8).collect(),
+            pairs: core::array::from_fn(|_| (0..pairs).map(|k| pair(random, k)).collect()),
+            rows: (0..3 * pixels).flat_map(|_| largest_row(random).to_le_bytes()).collect(),
+            unit: match round % 7 {
+                0 => [UNIT_LIMIT, 0.0, 2f32.powi(-110)],
+                _ => core::array::from_fn(|_| 2f32.powi(-bits - random.below(8) as i32) * 1.2345),
+            },
+            response: (0..3 * pixels).map(|_| largest_row(random)).collect(),
+            weight: match round % 5 {
+                0 | 2 => None,
+                1 => Some([UNIT_LIMIT, 0.0, 1e-7]),
+                _ => Some(core::array::from_fn(|_| 2f32.powi(-16 - random.below(6) as i32) * 1.1)),
+            },
+            stride: TILE_PX + random.below(3),
         }
-        assert_eq!(expected, found, "{} {fill:?} n {n} pairs {pairs}", fast.name());
-        for (c, plane) in found.iter().enumerate() {
-            assert!(plane[..8].iter().chain(&plane[8 + n..]).all(|&guard| guard == -1));
-            for x in 0..n {
-                assert_eq!(i64::from(plane[8 + x]), exact(&job, c, x), "c {c} x {x}");
+    }
+
+    fn job(&self) -> Reconstruction<'_> {
+        Reconstruction {
+            u: &self.u,
+            pixels: self.pixels,
+            covered: self.covered,
+            pairs: self.pairs.each_ref().map(|pairs| &pairs[..]),
+            rows: &self.rows,
+            unit: self.unit,
+            sun: self.weight.map(|weight| (&self.response[..], weight)),
+        }
+    }
+
+    /// The definition with an exact sum, and how far single precision may be from it.
+    fn exact(&self, c: usize, x: usize) -> (f64, f64) {
+        let mut sum = 0i128;
+        for (j, &pair) in self.pairs[c].iter().enumerate() {
+            let at = (j * self.pixels + x) * 2;
+            sum += i128::from(self.u[at] as i8) * i128::from(pair as i16);
+            sum += i128::from(self.u[at + 1] as i8) * i128::from((pair >> 16) as i16);
+        }
+        let at = c * self.pixels + x;
+        let row = u16::from_le_bytes([self.rows[2 * at], self.rows[2 * at + 1]]);
+        let patches = sum as f64 * f64::from(row) * f64::from(self.unit[c]);
+        let sun = self.weight.map_or(0.0, |weight| f64::from(self.response[at]) * f64::from(weight[c]));
+        (patches + sun, (patches.abs() + sun) * 2f64.powi(-22))
+    }
+}
+
+/// What a path gave: planes and pixels with guards around them.
+#[derive(Clone, Debug, PartialEq)]
+struct Given {
+    planes: [Vec<f32>; 3],
+    shown: Vec<u32>,
+    extent: Extent,
+}
+
+const GUARD: u32 = 0xdead_beef;
+
+impl Given {
+    /// Runs a path; `keeps`: planes are 0 not wanted, 1 written, 2 added to.
+    fn by(kernel: Kernel, case: &Case, keeps: u8, shows: bool) -> Self {
+        let n = case.pixels;
+        let mut planes = [0, 1, 2].map(|c| vec![0.25 * c as f32 - 0.125; n + 16]);
+        let mut shown = vec![GUARD; n / 16 * case.stride + 32];
+        let mut inner = planes.each_mut().map(|plane| &mut plane[8..8 + n]);
+        let linear = match keeps {
+            0 => Linear::Skip,
+            1 => Linear::Write(inner.each_mut().map(|plane| &mut **plane)),
+            _ => Linear::Add(inner.each_mut().map(|plane| &mut **plane)),
+        };
+        let rows = (n / 16 - 1) * case.stride + 16;
+        let target = Shown { pixels_xrgb: &mut shown[16..16 + rows], stride: case.stride };
+        let extent = kernel.relight(&case.job(), linear, shows.then_some(target));
+        Given { planes, shown, extent }
+    }
+
+    /// Equal bits, not only equal numbers.
+    fn bits(&self) -> (Vec<u32>, &[u32]) {
+        let extents = self.extent.smallest.iter().chain(&self.extent.largest);
+        (self.planes.iter().flatten().chain(extents).map(|v| v.to_bits()).collect(), &self.shown)
+    }
+}
+
+fn code(shown: u32, c: usize) -> f64 {
+    f64::from(shown >> (16 - 8 * c) & 0xff)
+}
+
+#[test]
+fn every_path_relights_to_the_same_bits() {
+    let mut random = Random(2);
+    for round in 0..150 {
+        let case = Case::new(round, &mut random);
+        for (keeps, shows) in [(0, false), (0, true), (1, false), (1, true), (2, false), (2, true)] {
+            let expected = Given::by(Kernel::SCALAR, &case, keeps, shows);
+            for kernel in Kernel::paths() {
+                let found = Given::by(kernel, &case, keeps, shows);
+                assert!(expected.bits() == found.bits(), "{} {:?} {keeps} {shows}", kernel.name(), case.fill);
             }
         }
     }
 }
 
-/// The definition in i128, without any of the kernels' bounds.
-fn exact(job: &Reconstruction<'_>, c: usize, x: usize) -> i64 {
-    let mut sum = 0i128;
-    for (j, &pair) in job.pairs[c].iter().enumerate() {
-        let at = (j * job.pixels + x) * 2;
-        sum += i128::from(job.u[at] as i8) * i128::from(pair as i16);
-        sum += i128::from(job.u[at + 1] as i8) * i128::from((pair >> 16) as i16);
+#[test]
+fn relit_values_are_the_exact_sums_to_single_precision() {
+    let mut random = Random(3);
+    for round in 0..60 {
+        let case = Case::new(round, &mut random);
+        let n = case.pixels;
+        let (new, added) = (Given::by(Kernel::detect(), &case, 1, true), Given::by(Kernel::detect(), &case, 2, true));
+        let only_shown = Given::by(Kernel::detect(), &case, 0, true);
+        assert_eq!((&only_shown.shown, only_shown.extent), (&new.shown, new.extent));
+        for c in 0..3 {
+            let before = 0.25 * c as f32 - 0.125;
+            for x in 0..n {
+                let (exact, allowed) = case.exact(c, x);
+                let (value, sum) = (new.planes[c][8 + x], added.planes[c][8 + x]);
+                assert!((f64::from(value) - exact).abs() <= allowed, "c {c} x {x}: {value} {exact}");
+                assert_eq!(sum, before + value);
+                let at = 16 + x / 16 * case.stride + x % 16;
+                for (given, value) in [(&new, value), (&added, sum)] {
+                    let curve = srgb_code(f64::from(value).clamp(0.0, 1.0));
+                    assert!((code(given.shown[at], c) - curve).abs() <= 0.535, "c {c} x {x}: {value}");
+                }
+            }
+            for given in [&new, &added] {
+                let plane = &given.planes[c];
+                let covered = &plane[8..8 + case.covered];
+                let ends = (covered.iter().copied().reduce(f32::min), covered.iter().copied().reduce(f32::max));
+                assert_eq!(ends, (Some(given.extent.smallest[c]), Some(given.extent.largest[c])));
+                assert!(plane[..8].iter().chain(&plane[8 + n..]).all(|&guard| guard == before));
+            }
+        }
+        let is_guard = |at: usize| at < 16 || (at - 16) / case.stride >= n / 16 || (at - 16) % case.stride >= 16;
+        assert!(new.shown.iter().enumerate().all(|(at, &word)| (word == GUARD) == is_guard(at)));
     }
-    let at = 2 * (c * job.pixels + x);
-    let row = i128::from(u16::from_le_bytes([job.rows[at], job.rows[at + 1]]));
-    let half = 1i128 << (job.right[c] - 1);
-    let limit = i128::from(LINEAR_LIMIT >> job.left[c]);
-    let value = ((sum * row + half) >> job.right[c]).clamp(-limit, limit) << job.left[c];
-    let sun = job.sun.map_or(0, |(plane, weight)| {
-        (i128::from(plane[c * job.pixels + x]) * i128::from(weight[c]) + (1 << (SUN_SHIFT - 1))) >> SUN_SHIFT
-    });
-    (value + sun) as i64
+}
+
+#[test]
+fn a_job_without_covered_pixels_has_an_empty_extent() {
+    let mut case = Case::new(1, &mut Random(4));
+    (case.pixels, case.covered) = (16, 0);
+    case.rows.truncate(96);
+    case.response.truncate(48);
+    for kernel in Kernel::paths() {
+        assert_eq!(Given::by(kernel, &case, 1, true).extent, Extent::EMPTY);
+    }
 }
 
 #[test]
 fn this_machine_runs_a_vector_path() {
     assert_ne!(Kernel::detect(), Kernel::SCALAR);
+    assert!(Kernel::paths().any(|kernel| kernel == Kernel::detect()));
 }
 
 #[test]
-fn residuals_equal_scalar_and_their_definition() {
-    let (fast, mut random) = (Kernel::detect(), Random(3));
-    for round in 0..100 {
-        let fill = FILLS[round % 4];
-        let n = 16 * (1 + random.below(16));
-        let codes: Vec<u8> = (0..3 * n).map(|k| signed(fill, &mut random, k, 127) as i8 as u8).collect();
-        let factor = core::array::from_fn(|c| signed(fill, &mut random, c, RESIDUAL_LIMIT));
-        let before = (1 << 30) - 1 + LINEAR_LIMIT;
-        let term = ResidualTerm { codes: &codes, pixels: n, factor };
-        let mut found = [Kernel::SCALAR, fast].map(|kernel| {
-            let mut out = vec![vec![before; n + 16]; 3];
-            let [r, g, b] = &mut out[..] else { unreachable!() };
-            kernel.add_residual(&term, [&mut r[8..8 + n], &mut g[8..8 + n], &mut b[8..8 + n]]);
-            out
-        });
-        assert_eq!(found[0], found[1], "{} {fill:?} n {n}", fast.name());
-        for (c, plane) in found[1].iter_mut().enumerate() {
-            for x in 0..n {
-                let exact = f64::from(codes[c * n + x] as i8) * f64::from(factor[c]) / 256.0;
-                assert!((f64::from(plane[8 + x]) - f64::from(before) - exact).abs() <= 0.5);
-            }
-            assert!(plane[..8].iter().chain(&plane[8 + n..]).all(|&guard| guard == before));
-        }
+fn every_path_tones_every_logarithm_alike() {
+    // Each float's upper 21 bits, both signs, infinities and NaN among them, with lower bits of all kinds.
+    let all: Vec<f32> = (0..1u32 << 21).map(|k| f32::from_bits(k << 11 | k.wrapping_mul(0x9e37) & 0x7ff)).collect();
+    let other: Vec<f32> = all.iter().rev().copied().collect();
+    let light = crate::tone::ViewLight::new();
+    let last: Vec<f32> = (0..all.len()).map(|k| light.linear(k as u8)).collect();
+    let mut expected = vec![0; all.len()];
+    Kernel::SCALAR.tone([&all, &other, &last], &mut expected);
+    assert!(expected.iter().enumerate().all(|(k, &word)| word as u8 == k as u8));
+    for kernel in Kernel::paths() {
+        let mut found = vec![0; all.len()];
+        kernel.tone([&all, &other, &last], &mut found);
+        assert!(expected == found, "{}", kernel.name());
     }
-}
-
-#[test]
-fn tone_equals_scalar_at_every_value() {
-    let fast = Kernel::detect();
-    let values: Vec<i32> = (-64..(1 << 20) + 64).collect();
-    let other: Vec<i32> = values.iter().map(|v| v.wrapping_mul(-77_777_777)).collect();
-    let last: Vec<i32> = values.iter().rev().copied().collect();
-    let [expected, found] = [Kernel::SCALAR, fast].map(|kernel| {
-        let mut out = vec![0; values.len()];
-        kernel.tone([&values, &other, &last], &mut out);
-        out
-    });
-    assert!(expected == found);
 }

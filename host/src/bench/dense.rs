@@ -5,7 +5,6 @@
 //! Relume's, and it needs no compositing: it stores the codes of covered pixels and leaves the others alone.
 
 use relume_firmware::kernel::Kernel;
-use relume_firmware::relight::LINEAR_BITS;
 
 use super::matrix::{Layout, Matrix};
 use super::method::{BenchSky, Method, Shown};
@@ -95,12 +94,12 @@ impl Dense {
     }
 
     fn tone(&mut self) {
-        let mut linear = [[0i32; STRIP]; 3];
+        let mut linear = [[0f32; STRIP]; 3];
         let mut shown = [0u32; STRIP];
         for (strip, places) in self.covered.chunks(STRIP).enumerate() {
             for (plane, values) in linear.iter_mut().zip(&self.linear) {
                 let values = &values[strip * STRIP..][..places.len()];
-                plane.iter_mut().zip(values).for_each(|(to, &value)| *to = value as i32);
+                plane[..values.len()].copy_from_slice(values);
             }
             self.kernel.tone([&linear[0], &linear[1], &linear[2]], &mut shown);
             for (&at, &word) in places.iter().zip(&shown) {
@@ -125,7 +124,7 @@ impl Method for Dense {
     }
 
     fn frame(&mut self, sky: &BenchSky) -> anyhow::Result<()> {
-        self.sum(sky, sky.exposure * (1u32 << LINEAR_BITS) as f32);
+        self.sum(sky, sky.exposure);
         self.tone();
         Ok(())
     }
