@@ -1,21 +1,20 @@
 //! The job: scene -> response -> tiles -> field bytes, tile by tile.
 
 use crate::camera::Camera;
-use crate::compress::{CompressedTile, Target, compress, patch_residuals};
-use crate::encode::{TileBytes, mask_of, residual_block};
-use crate::prior::Prior;
+use crate::blocks::{BlockCompressor, FieldBlock};
 use crate::progress::Progress;
 use crate::report::Report;
-use crate::response::{TileResponse, Transport, TransportOptions};
+use crate::response::{Transport, TransportOptions};
 use crate::scene::Scene;
 use crate::stack::{Manifest, ManifestSun, StackError, StackWriter};
 use crate::sunlayers::CasterLayers;
 use crate::viewpoint::TransportError;
-use crate::write::{FieldTile, FieldWriter};
+use crate::write::FieldWriter;
 use glam::Vec3;
 use rayon::prelude::*;
 use relume_firmware::field::{CameraRecord, Header};
 use relume_firmware::patches::{PatchError, PatchSet};
+use relume_firmware::tile::BLOCK_TILES;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -46,7 +45,7 @@ impl Default for BakeOptions {
             size: (512, 384),
             directions: 256,
             transport: TransportOptions::default(),
-            error: Target::default().error,
+            error: crate::compress::Target::default().error,
             stack: None,
             stack_sun: None,
             site: None,
@@ -104,8 +103,7 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     let stack = stack.transpose()?;
     let job = Job {
         transport,
-        compression: Compression::new(&patches, options.error),
-        casters: CasterLayers::new(scene),
+        compressor: BlockCompressor::new(&patches, options.error, CasterLayers::new(scene)),
         stack,
         stack_sun: stack_sun.map(|(_, dir)| dir),
     };
@@ -119,7 +117,7 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     }
     report.finish(&writer, started.elapsed());
     let header = header(camera, patches, options);
-    let bytes = writer.into_bytes(header, job.casters.casters, job.casters.nodes, &report.to_json());
+    let bytes = writer.into_bytes(header, job.compressor.casters.casters, job.compressor.casters.nodes, &report.to_json());
     Ok(Baked { bytes, report })
 }
 
@@ -145,76 +143,46 @@ fn header(camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Header {
     }
 }
 
-/// Turns responses into tile bytes.
-struct Compression {
-    skies: Prior,
-    suns: Prior,
-    target: Target,
-    sun_target: Target,
-    patches: PatchSet,
-}
-
-/// Indirect sunlight is a fifth of the light or less, and its interpolation is no better than this.
-const SUN_INDIRECT_ERROR: f64 = 0.02;
-const SUN_INDIRECT_RANK: usize = 8;
-
-impl Compression {
-    fn new(patches: &PatchSet, error: f64) -> Self {
-        Compression {
-            skies: Prior::skies(patches),
-            suns: Prior::sun_interpolation(patches),
-            target: Target { error, ..Target::default() },
-            sun_target: Target { error: SUN_INDIRECT_ERROR, max_rank: SUN_INDIRECT_RANK },
-            patches: *patches,
-        }
-    }
-
-    fn tile(&self, tile: &TileResponse, casters: &CasterLayers) -> FieldTile {
-        let patches = self.patches.len();
-        let mask = mask_of(&tile.covered, tile.w.max(1));
-        let encode = |compressed: &CompressedTile| TileBytes::new(compressed, mask, patches);
-        let coverage = tile.covered.iter().map(|&at| tile.coverage[usize::from(at)]);
-        let response = compress(&tile.response, patches, &self.skies, &self.target);
-        FieldTile {
-            residuals: residual_block(&patch_residuals(&tile.response, patches, &response), response.pixels),
-            response: encode(&response),
-            sun_indirect: encode(&compress(&tile.indirect, patches, &self.suns, &self.sun_target)),
-            // A pixel in the mask is covered, however little.
-            coverage: coverage.map(|share| (share * 255.0).round().clamp(1.0, 255.0) as u8).collect(),
-            fragments: casters.fragments(&tile.fragments),
-        }
-    }
-}
-
 struct Job<'s> {
     transport: Transport<'s>,
-    compression: Compression,
-    casters: CasterLayers,
+    compressor: BlockCompressor,
     stack: Option<StackWriter>,
     stack_sun: Option<Vec3>,
 }
 
-/// Tiles in flight: enough for any number of cores, and a bound on memory.
-const BATCH: usize = 128;
+/// Tiles in flight, at least: enough for any number of cores, and with one row of blocks a bound on memory.
+const BATCH_TILES: usize = 128;
 
 impl Job<'_> {
     fn run(&self, progress: bool) -> Result<(FieldWriter, Report), BakeError> {
         let (columns, rows) = self.transport.tiles();
-        let order: Vec<(u32, u32)> = (0..rows).flat_map(|ty| (0..columns).map(move |tx| (tx, ty))).collect();
-        let bar = progress.then(|| Progress::new("bake", order.len() as u64));
+        let edge = BLOCK_TILES as u32;
+        let bar = progress.then(|| Progress::new("bake", u64::from(columns.div_ceil(edge) * rows.div_ceil(edge))));
         let (mut writer, mut report) = (FieldWriter::default(), Report::default());
-        for batch in order.chunks(BATCH) {
-            let tiles: Result<Vec<FieldTile>, BakeError> = batch
+        writer.set_bound_basis(self.compressor.bound_basis_bytes());
+        let block_rows: Vec<u32> = (0..rows.div_ceil(edge)).collect();
+        let at_once = BATCH_TILES.div_ceil(columns as usize * BLOCK_TILES).max(1);
+        for batch in block_rows.chunks(at_once) {
+            let places: Vec<(u32, u32)> =
+                batch.iter().flat_map(|&y| (0..columns.div_ceil(edge)).map(move |x| (x, y))).collect();
+            let blocks: Result<Vec<FieldBlock>, BakeError> = places
                 .par_iter()
-                .map(|&(tx, ty)| {
-                    let tile = self.tile(tx, ty)?;
+                .map(|&place| {
+                    let block = self.block(place)?;
                     if let Some(bar) = &bar {
                         bar.step();
                     }
-                    Ok(tile)
+                    Ok(block)
                 })
                 .collect();
-            for tile in tiles? {
+            let mut tiles = Vec::new();
+            for block in blocks? {
+                writer.push_bound(&block.bound);
+                tiles.extend(block.tiles);
+            }
+            // The file holds tiles row by row.
+            tiles.sort_by_key(|tile| (tile.at.1, tile.at.0));
+            for tile in tiles {
                 report.add(&tile);
                 writer.push(tile);
             }
@@ -222,12 +190,21 @@ impl Job<'_> {
         Ok((writer, report))
     }
 
-    fn tile(&self, tx: u32, ty: u32) -> Result<FieldTile, BakeError> {
-        let response = self.transport.tile(tx, ty);
-        if let Some(stack) = &self.stack {
-            let sun = self.stack_sun.map(|dir| self.transport.sun_tile(tx, ty, dir));
-            stack.write_tile(&response, sun.as_deref())?;
+    /// Transport, stack and compression of the block in column and row `place`.
+    fn block(&self, place: (u32, u32)) -> Result<FieldBlock, BakeError> {
+        let (columns, rows) = self.transport.tiles();
+        let edge = BLOCK_TILES as u32;
+        let mut tiles = Vec::with_capacity(BLOCK_TILES * BLOCK_TILES);
+        for ty in (place.1 * edge..(place.1 + 1) * edge).take_while(|&ty| ty < rows) {
+            for tx in (place.0 * edge..(place.0 + 1) * edge).take_while(|&tx| tx < columns) {
+                let response = self.transport.tile(tx, ty);
+                if let Some(stack) = &self.stack {
+                    let sun = self.stack_sun.map(|dir| self.transport.sun_tile(tx, ty, dir));
+                    stack.write_tile(&response, sun.as_deref())?;
+                }
+                tiles.push(((tx, ty), response));
+            }
         }
-        Ok(self.compression.tile(&response, &self.casters))
+        Ok(self.compressor.block(&tiles))
     }
 }

@@ -1,19 +1,23 @@
-//! Compression of a tile's response: one small integer code per pixel, shared by the three channels.
+//! Compression of a block's response: one small integer code per pixel and rank, shared by the three channels.
 //!
-//! Every pixel-channel row is scaled to unit rms under the prior; the rows of red, green and blue lie side by side, so
+//! A block is up to four tiles that share one `V`. Every pixel-channel row is scaled to unit rms under the prior; the rows of red, green and blue lie side by side, so
 //! that one `U` (pixels x rank) serves all three with a `V` (rank x patches) each. `U` comes from the singular value
 //! decomposition weighted by the prior, is rounded to int8, and each `V` is then fitted by least squares to the rounded
-//! `U`. The rank is the smallest that holds the worst pixel and the tile's mean within the target, measured after
-//! rounding.
+//! `U`. The rank is the smallest that holds the worst pixel and the block's mean within the target, measured after
+//! rounding; each tile then keeps only the leading ranks that it needs itself.
 
+mod bound;
 mod quantise;
-mod residual;
+mod trim;
+mod wayback;
 mod subspace;
 
+use crate::encode::decoded_scales;
 use crate::prior::Prior;
 use nalgebra::{DMatrix, DMatrixView};
 use quantise::{fit_rows, round_factors};
-pub use residual::{PatchResiduals, patch_residuals};
+pub use bound::{BlockBound, bound_basis, block_bound};
+pub use wayback::{PatchRows, TileRows, tile_rows};
 use subspace::Factors;
 
 /// How far a compressed tile may be from the response.
@@ -35,10 +39,10 @@ impl Default for Target {
 /// Largest rank a tile can have.
 pub const MAX_RANK: usize = 96;
 
-/// A tile's response as int8 factors:
-/// `response[x][c][i] ~ row_scale[x][c] * sum_k u[x][k] * v[c][k][i] * v_scale[c][k]`.
+/// The response of some pixels as int8 factors:
+/// `response[x][c][i] ~ row_scale[x][c] * sum_(k < ranks[x]) u[x][k] * v[c][k][i] * v_scale[c][k]`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CompressedTile {
+pub struct Compressed {
     /// Pixels (rows).
     pub pixels: usize,
     /// Rank: 0 when the response is black, else even.
@@ -51,24 +55,27 @@ pub struct CompressedTile {
     pub v_scale: [Vec<f32>; 3],
     /// `[pixel]`, per channel; 0 where the response is black.
     pub row_scale: Vec<[f32; 3]>,
+    /// `[pixel]`: ranks that the pixel's tile needs, even, at most `rank`.
+    pub ranks: Vec<usize>,
 }
 
-impl CompressedTile {
+impl Compressed {
     fn black(pixels: usize) -> Self {
-        CompressedTile {
+        Compressed {
             pixels,
             rank: 0,
             u: Vec::new(),
             v: Default::default(),
             v_scale: Default::default(),
             row_scale: vec![[0.0; 3]; pixels],
+            ranks: vec![0; pixels],
         }
     }
 
-    /// One pixel-channel row of the response as this tile tells it, `[patch]`.
+    /// One pixel-channel row of the response as the factors tell it, `[patch]`; empty when all is black.
     pub fn row(&self, pixel: usize, channel: usize) -> Vec<f32> {
         let patches = self.v[channel].len().checked_div(self.rank).unwrap_or(0);
-        let codes = &self.u[pixel * self.rank..(pixel + 1) * self.rank];
+        let codes = &self.u[pixel * self.rank..][..self.ranks[pixel]];
         let mut row = vec![0.0; patches];
         for (k, &code) in codes.iter().enumerate() {
             let factor = self.row_scale[pixel][channel] * f32::from(code) * self.v_scale[channel][k];
@@ -156,11 +163,24 @@ impl Residual {
 /// Compresses a tile's response, `[pixel][3][patch]`, for the skies of a prior.
 ///
 /// The rank grows until the target holds or `max_rank` is reached; the same input gives the same bytes.
-pub fn compress(response: &[f32], patches: usize, prior: &Prior, target: &Target) -> CompressedTile {
+pub fn compress(response: &[f32], patches: usize, prior: &Prior, target: &Target) -> Compressed {
+    let pixels = response.len().checked_div(3 * patches).unwrap_or(0);
+    compress_block(response, patches, &[pixels], prior, target)
+}
+
+/// The same for a block whose tiles have `tile_pixels` pixels, one after the other in `response`: each tile keeps the
+/// ranks that it needs. Scales are such as the field can hold.
+pub fn compress_block(
+    response: &[f32],
+    patches: usize,
+    tile_pixels: &[usize],
+    prior: &Prior,
+    target: &Target,
+) -> Compressed {
     let rows = Rows::new(response, patches, prior);
     let pixels = rows.pixels();
     if patches != prior.patches() || rows.rms.iter().all(|&r| r == 0.0) {
-        return CompressedTile::black(pixels);
+        return Compressed::black(pixels);
     }
     let limit = even(pixels.min(3 * prior.modes())).min(target.max_rank.min(MAX_RANK) & !1).max(2);
     let weighted = rows.weighted();
@@ -170,7 +190,7 @@ pub fn compress(response: &[f32], patches: usize, prior: &Prior, target: &Target
         let tile = encode(&rows, &factors, rank, prior);
         // Rounding costs a little more than truncation alone; a step or two more rank pays for it.
         if rank + 2 > limit.min(factors.rank()) || residual_of(&rows, &tile, prior).within(target) {
-            return tile;
+            return finish(&rows, tile, tile_pixels, prior, target);
         }
         rank += 2;
     }
@@ -180,22 +200,42 @@ fn even(rank: usize) -> usize {
     rank.next_multiple_of(2)
 }
 
-fn encode(rows: &Rows, factors: &Factors, rank: usize, prior: &Prior) -> CompressedTile {
+/// Leaves each tile the ranks it needs, and rounds all scales to what the field's 16 bits hold.
+fn finish(rows: &Rows, mut block: Compressed, tile_pixels: &[usize], prior: &Prior, target: &Target) -> Compressed {
+    for scales in &mut block.v_scale {
+        *scales = decoded_scales(scales);
+    }
+    let mut first = 0;
+    for &pixels in tile_pixels {
+        let tile = first..first + pixels;
+        trim::trim(rows, &mut block, tile.clone(), prior, target);
+        for c in 0..3 {
+            let scales: Vec<f32> = block.row_scale[tile.clone()].iter().map(|scale| scale[c]).collect();
+            let rounded = decoded_scales(&scales);
+            block.row_scale[tile.clone()].iter_mut().zip(rounded).for_each(|(scale, rounded)| scale[c] = rounded);
+        }
+        first = tile.end;
+    }
+    block
+}
+
+fn encode(rows: &Rows, factors: &Factors, rank: usize, prior: &Prior) -> Compressed {
     let (u, planes) = round_factors(rows, factors, rank, prior);
     let row_scale = fit_rows(rows, &u, &planes, rank, prior);
     let [r, g, b] = planes;
-    CompressedTile {
+    Compressed {
         pixels: rows.pixels(),
         rank,
         u,
         v: [r.codes, g.codes, b.codes],
         v_scale: [r.scale, g.scale, b.scale],
         row_scale,
+        ranks: vec![rank; rows.pixels()],
     }
 }
 
 /// The residual of a finished tile under the prior.
-fn residual_of(rows: &Rows, tile: &CompressedTile, prior: &Prior) -> Residual {
+fn residual_of(rows: &Rows, tile: &Compressed, prior: &Prior) -> Residual {
     let mut squares = vec![0.0f64; rows.pixels()];
     for channel in 0..3 {
         let shown = quantise::shown(&tile.u, &tile.v[channel], &tile.v_scale[channel], tile.rank, prior);

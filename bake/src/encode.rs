@@ -1,8 +1,10 @@
-//! A compressed tile as the bytes of the field's layers (firmware/src/field.rs).
+//! Compressed blocks and tiles as the bytes of the field's layers (firmware/src/field.rs).
 
-use crate::compress::{CompressedTile, PatchResiduals};
-use relume_firmware::residual::RESIDUAL_ENTRY;
-use relume_firmware::tile::{ALL_WHOLE, MAX_RANK, PLACE_UNIT, TILE_PX, TileRecord, padded};
+use crate::compress::{BlockBound, Compressed, TileRows};
+use relume_firmware::bound::GROUP;
+use relume_firmware::tile::{ALL_WHOLE, LANE_PAD, MAX_RANK, TILE_PX, TileRecord, padded};
+use relume_firmware::wayback::{WAY_ENTRY, WAY_HEADER, error_code};
+use std::ops::Range;
 
 /// The bytes of one tile of a tile set; places in `record` are still open.
 #[derive(Clone, Debug)]
@@ -11,7 +13,7 @@ pub struct TileBytes {
     pub record: TileRecord,
     /// `rank/2` planes of padded pixel pairs.
     pub u: Vec<u8>,
-    /// `[3][rank][padded patches]`, then scales u16 `[3][rank]`.
+    /// The block's `[3][v_rank][padded patches]`, then scales u16 `[3][v_rank]`.
     pub v: Vec<u8>,
     /// u16 `[3][padded pixels]`.
     pub rows: Vec<u8>,
@@ -29,76 +31,121 @@ pub fn mask_of(covered: &[u16], width: u32) -> [u8; 32] {
 }
 
 impl TileBytes {
-    /// Encodes a tile whose covered pixels are those of `mask`, for `patches` patches.
-    pub fn new(tile: &CompressedTile, mask: [u8; 32], patches: usize) -> Self {
-        let rank = tile.rank.min(MAX_RANK);
-        let (n, stride) = (padded(tile.pixels), padded(patches));
+    /// Encodes the pixels `tile` of a block, which are those of `mask`, for `patches` patches.
+    pub fn new(block: &Compressed, tile: Range<usize>, mask: [u8; 32], patches: usize) -> Self {
+        let rank = block.ranks.get(tile.start).map_or(0, |&rank| rank.min(MAX_RANK));
+        let (pixels, n) = (tile.len(), padded(tile.len()));
         let mut u = vec![0u8; rank * n];
-        for x in 0..tile.pixels {
+        for (x, pixel) in tile.clone().enumerate() {
             for k in 0..rank {
-                u[(k / 2 * n + x) * 2 + k % 2] = tile.u[x * tile.rank + k] as u8;
+                u[(k / 2 * n + x) * 2 + k % 2] = block.u[pixel * block.rank + k] as u8;
             }
         }
-        let mut v = vec![0u8; 3 * rank * stride];
-        let mut scales = Vec::with_capacity(6 * rank);
         let mut rows = vec![0u8; 6 * n];
-        let (mut v_exponent, mut row_exponent) = ([0; 3], [0; 3]);
+        let mut row_exponent = [0; 3];
         for c in 0..3 {
-            for k in 0..rank {
-                let from = &tile.v[c][k * patches..(k + 1) * patches];
-                let to = &mut v[(c * rank + k) * stride..][..patches];
-                to.iter_mut().zip(from).for_each(|(to, &from)| *to = from as u8);
-            }
-            let (exponent, codes) = block_scale(tile.v_scale[c].iter().take(rank).copied());
-            v_exponent[c] = exponent;
-            scales.extend(codes.iter().flat_map(|code| code.to_le_bytes()));
-            let (exponent, codes) = block_scale(tile.row_scale.iter().map(|scale| scale[c]));
+            let (exponent, codes) = block_scale(block.row_scale[tile.clone()].iter().map(|scale| scale[c]));
             row_exponent[c] = exponent;
             for (x, code) in codes.iter().enumerate() {
                 rows[2 * (c * n + x)..][..2].copy_from_slice(&code.to_le_bytes());
             }
         }
-        v.append(&mut scales);
+        let (v, v_exponent) = v_bytes(block, patches);
         let record = TileRecord {
             mask,
             u_place: 0,
             v_place: 0,
             rows_place: 0,
             coverage_place: ALL_WHOLE,
-            pixels: tile.pixels as u16,
+            pixels: pixels as u16,
             rank: rank as u16,
+            v_rank: block.rank as u16,
             row_exponent,
             v_exponent,
         };
         TileBytes { record, u, v, rows }
     }
+
+    /// What a row scale of 65535 means, per channel.
+    pub fn row_top(&self) -> [f32; 3] {
+        self.record.row_exponent.map(|exponent| 65535.0 * 2f32.powi(i32::from(exponent)))
+    }
 }
 
-/// A residual that never exceeds this response is not kept: a patch of 30 times the sky's mean radiance would show it
-/// as less than a third of a code in white paint (30 * 1e-4 / 3 of white paint's response to the whole sky).
-const RESIDUAL_FLOOR: f32 = 3e-5;
+/// `V` and its scales, and their exponents.
+fn v_bytes(block: &Compressed, patches: usize) -> (Vec<u8>, [i8; 3]) {
+    let (rank, stride) = (block.rank, padded(patches));
+    let mut v = vec![0u8; 3 * rank * stride];
+    let mut scales = Vec::with_capacity(6 * rank);
+    let mut v_exponent = [0; 3];
+    for c in 0..3 {
+        for k in 0..rank {
+            let from = &block.v[c][k * patches..(k + 1) * patches];
+            let to = &mut v[(c * rank + k) * stride..][..patches];
+            to.iter_mut().zip(from).for_each(|(to, &from)| *to = from as u8);
+        }
+        let (exponent, codes) = block_scale(block.v_scale[c].iter().copied());
+        v_exponent[c] = exponent;
+        scales.extend(codes.iter().flat_map(|code| code.to_le_bytes()));
+    }
+    v.append(&mut scales);
+    (v, v_exponent)
+}
 
-/// A tile's block of RSDL (firmware/src/residual.rs); empty when no patch leaves anything worth keeping.
-pub fn residual_block(residuals: &PatchResiduals, pixels: usize) -> Vec<u8> {
-    let patches = residuals.scale.len();
-    let n = padded(pixels);
-    let mut block = vec![0u8; patches * RESIDUAL_ENTRY];
-    for (patch, scale) in residuals.scale.iter().enumerate() {
-        if scale.iter().all(|s| 127.0 * s < RESIDUAL_FLOOR) {
-            continue;
+/// A tile's block of WAYD (firmware/src/wayback.rs).
+pub fn way_block(rows: &TileRows, pixels: usize) -> Vec<u8> {
+    let table = WAY_HEADER + (rows.patches.len() * WAY_ENTRY).next_multiple_of(LANE_PAD);
+    let mut block = vec![0u8; table];
+    block[..4].copy_from_slice(&rows.unit.to_le_bytes());
+    let plane_bytes = padded(pixels) / 8;
+    let mut planes = 0u16;
+    for (patch, rows) in rows.patches.iter().enumerate() {
+        let [green, red, blue] = &rows.codes;
+        let over_green = |of: &[u8]| of.iter().zip(green).map(|(&a, &g)| i32::from(a) - i32::from(g)).collect();
+        let parts: [Vec<i32>; 3] = [green.iter().map(|&g| i32::from(g)).collect(), over_green(red), over_green(blue)];
+        let bases = parts.each_ref().map(|part| part.iter().copied().min().unwrap_or(0));
+        let mut bits = [0u8; 3];
+        for ((part, base), bits) in parts.iter().zip(bases).zip(&mut bits) {
+            let top = part.iter().map(|code| (code - base) as u32).max().unwrap_or(0);
+            *bits = (32 - top.leading_zeros()) as u8;
         }
-        let place = (block.len() / PLACE_UNIT) as u32;
-        let entry = &mut block[patch * RESIDUAL_ENTRY..][..RESIDUAL_ENTRY];
-        entry[..4].copy_from_slice(&place.to_le_bytes());
-        for (c, s) in scale.iter().enumerate() {
-            entry[4 + 4 * c..8 + 4 * c].copy_from_slice(&s.to_le_bytes());
-        }
-        for codes in residuals.codes[patch * 3 * pixels..][..3 * pixels].chunks_exact(pixels) {
-            block.extend(codes.iter().map(|&code| code as u8));
-            block.resize(block.len() + n - pixels, 0);
+        let entry = &mut block[WAY_HEADER + patch * WAY_ENTRY..][..WAY_ENTRY];
+        entry[..2].copy_from_slice(&planes.to_le_bytes());
+        entry[2] = bits[0] | bits[1] << 4;
+        entry[3] = bits[2] | rows.exponent << 4;
+        entry[4..7].copy_from_slice(&bases.map(|base| base as u8));
+        entry[7] = error_code(rows.error_units);
+        for ((part, base), bits) in parts.iter().zip(bases).zip(bits) {
+            for bit in 0..bits {
+                let from = block.len();
+                block.resize(from + plane_bytes, 0);
+                for (x, code) in part.iter().enumerate() {
+                    block[from + x / 8] |= ((code - base) as u8 >> bit & 1) << (x % 8);
+                }
+            }
+            planes += u16::from(bits);
         }
     }
-    if block.len() == patches * RESIDUAL_ENTRY { Vec::new() } else { block }
+    block
+}
+
+/// A block's record of BNDT (firmware/src/bound.rs).
+pub fn bound_record(bound: &BlockBound, modes: usize, patches: usize) -> Vec<u8> {
+    let dims = padded(modes + patches.div_ceil(GROUP));
+    let scalars = bound.scale.iter().chain(&bound.reach).flatten();
+    let mut record: Vec<u8> = scalars.flat_map(|value| value.to_le_bytes()).collect();
+    for codes in bound.codes.iter().flatten() {
+        let from = record.len();
+        record.extend_from_slice(codes);
+        record.resize(from + dims, 0);
+    }
+    record
+}
+
+/// The scales that the field's 16 bits hold instead of these.
+pub(crate) fn decoded_scales(scales: &[f32]) -> Vec<f32> {
+    let (exponent, codes) = block_scale(scales.iter().copied());
+    codes.iter().map(|&code| f32::from(code) * 2f32.powi(i32::from(exponent))).collect()
 }
 
 /// Scales that are not negative as u16 with one power of two, so that the largest uses all 16 bits.

@@ -1,6 +1,7 @@
 //! Offline tool of Relume: scene -> response -> tiles -> field file.
 mod accessor;
 pub mod bake;
+pub mod blocks;
 pub mod camera;
 pub mod cli;
 pub mod compress;

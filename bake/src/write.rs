@@ -3,8 +3,8 @@
 use crate::encode::TileBytes;
 use relume_firmware::field::{HEADER, Header, LAYER_ALIGN, LAYER_CRITICAL, LAYER_ENTRY, Layer, LayerKind};
 use relume_firmware::glue::outfile::{OutError, write_whole};
-use relume_firmware::residual::NO_RESIDUAL;
-use relume_firmware::tile::{ALL_WHOLE, PLACE_UNIT};
+use relume_firmware::tile::{ALL_WHOLE, BLOCK_TILES, PLACE_UNIT};
+use relume_firmware::wayback::NO_WAY;
 use std::io::Write;
 use std::path::Path;
 
@@ -15,6 +15,8 @@ struct TileSetBytes {
     u: Vec<u8>,
     v: Vec<u8>,
     rows: Vec<u8>,
+    /// Places of V by block.
+    v_places: std::collections::HashMap<(u32, u32), u32>,
 }
 
 /// Appends at the next place and returns it.
@@ -26,10 +28,13 @@ fn append(layer: &mut Vec<u8>, bytes: &[u8]) -> u32 {
 }
 
 impl TileSetBytes {
-    fn push(&mut self, tile: TileBytes, coverage_place: u32) {
+    /// `block` is the block's column and row: the first tile of it that has pixels brings the V of all.
+    fn push(&mut self, tile: TileBytes, block: (u32, u32), coverage_place: u32) {
         let mut record = tile.record;
         record.u_place = append(&mut self.u, &tile.u);
-        record.v_place = append(&mut self.v, &tile.v);
+        if record.pixels > 0 {
+            record.v_place = *self.v_places.entry(block).or_insert_with(|| append(&mut self.v, &tile.v));
+        }
         record.rows_place = append(&mut self.rows, &tile.rows);
         record.coverage_place = coverage_place;
         self.records.extend_from_slice(&record.encode());
@@ -44,8 +49,10 @@ pub struct FieldWriter {
     sun_indirect: TileSetBytes,
     blocks: Vec<u8>,
     fragments: Vec<u8>,
-    residual_places: Vec<u8>,
-    residuals: Vec<u8>,
+    way_places: Vec<u8>,
+    way_blocks: Vec<u8>,
+    bound_basis: Vec<u8>,
+    bounds: Vec<u8>,
     covered: u32,
 }
 
@@ -60,8 +67,10 @@ pub struct FieldTile {
     pub coverage: Vec<u8>,
     /// The tile's block of FRAG.
     pub fragments: Vec<u8>,
-    /// The tile's block of RSDL, empty if it has none.
-    pub residuals: Vec<u8>,
+    /// The tile's block of WAYD, empty if it has none.
+    pub way_back: Vec<u8>,
+    /// Column and row of the tile.
+    pub at: (u32, u32),
 }
 
 impl FieldWriter {
@@ -70,12 +79,24 @@ impl FieldWriter {
         self.covered += u32::from(tile.response.record.pixels);
         let whole = tile.coverage.iter().all(|&share| share == 255);
         let place = if whole { ALL_WHOLE } else { append(&mut self.coverage, &padded_bytes(tile.coverage)) };
-        self.response.push(tile.response, place);
-        self.sun_indirect.push(tile.sun_indirect, ALL_WHOLE);
+        let edge = BLOCK_TILES as u32;
+        let block = (tile.at.0 / edge, tile.at.1 / edge);
+        self.response.push(tile.response, block, place);
+        self.sun_indirect.push(tile.sun_indirect, block, ALL_WHOLE);
         self.blocks.extend_from_slice(&((self.fragments.len() / 4) as u32).to_le_bytes());
         self.fragments.extend_from_slice(&tile.fragments);
-        let place = if tile.residuals.is_empty() { NO_RESIDUAL } else { append(&mut self.residuals, &tile.residuals) };
-        self.residual_places.extend_from_slice(&place.to_le_bytes());
+        let place = if tile.way_back.is_empty() { NO_WAY } else { append(&mut self.way_blocks, &tile.way_back) };
+        self.way_places.extend_from_slice(&place.to_le_bytes());
+    }
+
+    /// Sets the basis of the bounds, BNDB.
+    pub fn set_bound_basis(&mut self, basis: Vec<u8>) {
+        self.bound_basis = basis;
+    }
+
+    /// Adds the next block's record of BNDT.
+    pub fn push_bound(&mut self, record: &[u8]) {
+        self.bounds.extend_from_slice(record);
     }
 
     /// Covered pixels so far.
@@ -94,7 +115,7 @@ impl FieldWriter {
         header.covered = self.covered;
         self.blocks.extend_from_slice(&((self.fragments.len() / 4) as u32).to_le_bytes());
         let (response, sun) = (self.response, self.sun_indirect);
-        let layers: [(LayerKind, u32, Vec<u8>); 16] = [
+        let layers: [(LayerKind, u32, Vec<u8>); 18] = [
             (*b"TILE", LAYER_CRITICAL, response.records),
             (*b"ROWS", LAYER_CRITICAL, response.rows),
             (*b"RESU", LAYER_CRITICAL, response.u),
@@ -108,8 +129,10 @@ impl FieldWriter {
             (*b"CBVH", LAYER_CRITICAL, nodes),
             (*b"FRGT", LAYER_CRITICAL, self.blocks),
             (*b"FRAG", LAYER_CRITICAL, self.fragments),
-            (*b"RSDT", 0, self.residual_places),
-            (*b"RSDL", 0, self.residuals),
+            (*b"BNDB", 0, self.bound_basis),
+            (*b"BNDT", 0, self.bounds),
+            (*b"WAYT", 0, self.way_places),
+            (*b"WAYD", 0, self.way_blocks),
             (*b"META", 0, meta.as_bytes().to_vec()),
         ];
         assemble(&header, &layers)

@@ -1,12 +1,12 @@
-//! A tile's coefficients: weights -> integer sums -> 16-bit pairs.
+//! A block's coefficients: weights -> integer sums -> 16-bit pairs.
 
 use crate::kernel::{Kernel, Projection, UNIT_LIMIT};
 use crate::tile::{MAX_RANK, Tile};
-use crate::weights::FixedWeights;
+use crate::weights::{FixedWeights, Values};
 
-/// A tile's coefficients for one set of weights.
+/// The coefficients of a block for one set of weights, the same for all its tiles.
 ///
-/// `linear[c][x] = (sum_k U[x][k] * q[c][k]) * row[c][x] * unit[c]`, 1 = display white.
+/// `linear[c][x] = (sum_k U[x][k] * q[c][k]) * row[c][x] * 2^re[c] * unit[c]`, 1 = display white.
 #[derive(Clone, Copy, Debug)]
 pub struct Coefficients {
     /// Pairs of |q| <= 32767: low half even rank, high half odd rank.
@@ -19,22 +19,30 @@ impl Coefficients {
     /// All zero, as before the first projection.
     pub const ZERO: Coefficients = Coefficients { pairs: [[0; MAX_RANK / 2]; 3], rank: 0, unit: [0.0; 3] };
 
-    /// Projects the weights on a tile's V. `max_rank` limits the ranks used (rounded up to even); ranks are stored
-    /// most important first.
+    /// Projects the weights on the V of a tile's block. `max_rank` limits the ranks used (rounded up to even); ranks are
+    /// stored most important first.
     pub fn project(&mut self, tile: &Tile<'_>, weights: &FixedWeights, kernel: Kernel, max_rank: usize) {
-        let lit = !weights.lit_blocks().is_empty();
-        let rank = if lit { tile.rank().min(max_rank.min(MAX_RANK).next_multiple_of(2)) } else { 0 };
-        self.rank = rank as u8;
-        let mut sums = [0i32; MAX_RANK];
-        for c in 0..3 {
-            let values = weights.value_q(c);
-            let v = &tile.v[c * tile.rank() * values.len()..][..rank * values.len()];
-            let job = Projection { v, weights: values, lit_blocks: weights.lit_blocks() };
-            kernel.project(&job, &mut sums[..rank]);
-            let exponent =
-                weights.exponent()[c] + i32::from(tile.record.v_exponent[c]) + i32::from(tile.record.row_exponent[c]);
-            self.set_channel(c, &sums[..rank], |k| tile.v_scale(c, k), exponent);
+        let mut sums = [[0i32; MAX_RANK]; 3];
+        let rank = tile.v_rank().min(max_rank.min(MAX_RANK).next_multiple_of(2));
+        for (c, sums) in sums.iter_mut().enumerate() {
+            project_channel(tile, c, weights.values(c), kernel, &mut sums[..rank]);
         }
+        let rank = if weights.lit_blocks().is_empty() { 0 } else { rank };
+        self.set_sums(tile, [&sums[0][..rank], &sums[1][..rank], &sums[2][..rank]], weights.exponent());
+    }
+
+    /// Takes the sums of [`project_channel`], of weights with these exponents.
+    pub fn set_sums(&mut self, tile: &Tile<'_>, sums: [&[i32]; 3], exponent: [i32; 3]) {
+        self.rank = sums[0].len() as u8;
+        for (c, sums) in sums.into_iter().enumerate() {
+            let exponent = exponent[c] + i32::from(tile.record.v_exponent[c]);
+            self.set_channel(c, sums, |k| tile.v_scale(c, k), exponent);
+        }
+    }
+
+    /// Uses at most this many ranks from now on.
+    pub fn limit_rank(&mut self, max_rank: usize) {
+        self.rank = self.rank.min(max_rank.min(MAX_RANK).next_multiple_of(2) as u8);
     }
 
     /// Takes over another's values, only as many as it uses.
@@ -46,7 +54,7 @@ impl Coefficients {
         (self.rank, self.unit) = (other.rank, other.unit);
     }
 
-    /// Brings `sums[k] * scale(k)` to 16 bits by a power of two of the tile and channel, and derives the unit.
+    /// Brings `sums[k] * scale(k)` to 16 bits by a power of two of the block and channel, and derives the unit.
     fn set_channel(&mut self, c: usize, sums: &[i32], scale: impl Fn(usize) -> u16, exponent: i32) {
         let full = |k: usize, sum: i32| i64::from(sum) * i64::from(scale(k));
         let largest = sums.iter().enumerate().fold(0, |all, (k, &sum)| all | full(k, sum).unsigned_abs());
@@ -71,23 +79,94 @@ impl Coefficients {
         kernel.prefetch(tile.v_scale);
     }
 
-    /// A bound on how far any linear value (1 = display white) of a tile moves from `drawn` to `self`:
-    /// |U| <= 127, row scales < 2^16, and rounding of both pictures.
-    pub fn change_bound(&self, drawn: &Coefficients) -> f32 {
-        (0..3).map(|c| self.channel_change_bound(drawn, c)).fold(0.0, f32::max)
+    /// A bound on how far any linear value (1 = display white) of a tile moves from `drawn` to `self`, per channel: plain,
+    /// and over (row scale / 65535)^0.583 ([`crate::bound`]). `reach` is the tile's.
+    pub fn change_bound(&self, drawn: &Coefficients, tile: &Tile<'_>, reach: &TileReach<'_>) -> [[f32; 3]; 2] {
+        let pairs = self.rank().max(drawn.rank()).min(tile.rank()) / 2;
+        let mut out = [[0.0; 3]; 2];
+        for c in 0..3 {
+            let scale = row_unit(tile, c);
+            let (new_unit, old_unit) = (self.unit[c] * scale, drawn.unit[c] * scale);
+            let mut sums = [0.0f32; 2];
+            for j in 0..pairs {
+                let pair = |x: &Coefficients| if 2 * j < x.rank() { x.pairs[c][j] } else { 0 };
+                let (new, old) = (pair(self), pair(drawn));
+                let moved = |new: i32, old: i32| (new as f32 * new_unit - old as f32 * old_unit).abs();
+                let moved = [moved(i32::from(new as i16), i32::from(old as i16)), moved(new >> 16, old >> 16)];
+                for (kind, sum) in sums.iter_mut().enumerate() {
+                    let reach = reach.pair(kind, c, j);
+                    *sum += moved[0] * reach[0] + moved[1] * reach[1];
+                }
+            }
+            for (out, sum) in out.iter_mut().zip(sums) {
+                out[c] = if sum == 0.0 { 0.0 } else { sum * 1.0001 + ROUNDING };
+            }
+        }
+        out
     }
 
-    fn channel_change_bound(&self, drawn: &Coefficients, c: usize) -> f32 {
-        let (new_unit, old_unit) = (self.unit[c], drawn.unit[c]);
-        let pairs = self.rank().max(drawn.rank()) / 2;
-        let mut sum = 0.0f32;
-        for j in 0..pairs {
-            let pair = |x: &Coefficients| if 2 * j < x.rank() { x.pairs[c][j] } else { 0 };
-            let (new, old) = (pair(self), pair(drawn));
-            let term = |new: i32, old: i32| (new as f32 * new_unit - old as f32 * old_unit).abs();
-            sum += term(i32::from(new as i16), i32::from(old as i16)) + term(new >> 16, old >> 16);
+    /// A bound on what rounding of the coefficients, and ranks of the tile that are not used, change in any linear
+    /// value, per channel; it holds over (row scale / 65535)^0.583, too. `all` are the coefficients with all ranks.
+    pub fn rounding_bound(&self, all: &Coefficients, tile: &Tile<'_>) -> [f32; 3] {
+        let (used, rank) = (self.rank().min(tile.rank()), all.rank().min(tile.rank()));
+        core::array::from_fn(|c| {
+            let dropped: i64 = (used..rank)
+                .map(|k| {
+                    let pair = all.pairs[c][k / 2];
+                    i64::from(if k % 2 == 0 { i32::from(pair as i16) } else { pair >> 16 }.unsigned_abs())
+                })
+                .sum();
+            let counts = 127.0 * (dropped as f32 + 0.5 * rank as f32) + 1.0;
+            counts * 65535.0 * all.unit[c] * row_unit(tile, c) * 1.0001
+        })
+    }
+}
+
+/// `sums[k] = sum_i V[k][i] * values[i]` for one channel of a tile's block.
+pub fn project_channel(tile: &Tile<'_>, channel: usize, values: Values<'_>, kernel: Kernel, sums: &mut [i32]) {
+    let stride = values.value_q.len();
+    let v = &tile.v[channel * tile.v_rank() * stride..][..sums.len() * stride];
+    kernel.project(&Projection { v, weights: values.value_q, lit_blocks: values.lit_blocks }, sums);
+}
+
+/// What one count of a row scale means.
+pub(crate) fn row_unit(tile: &Tile<'_>, channel: usize) -> f32 {
+    libm::scalbnf(1.0, i32::from(tile.record.row_exponent[channel]))
+}
+
+/// How far one count of a coefficient moves a tile's pixels at most: the largest |U| times row scale (codes), plain, and
+/// over (row scale / 65535)^0.583. `[2][3][rank]`; empty: the worst that a tile can have.
+#[derive(Clone, Copy, Debug)]
+pub struct TileReach<'a>(pub &'a [f32]);
+
+impl TileReach<'_> {
+    /// Fills `out`, `[2][3][rank]`.
+    pub fn measure(tile: &Tile<'_>, out: &mut [f32]) {
+        let (n, rank) = (tile.padded_pixels(), tile.rank());
+        out.fill(0.0);
+        for c in 0..3 {
+            for x in 0..tile.pixels() {
+                let at = 2 * (c * n + x);
+                let row = f32::from(u16::from_le_bytes([tile.rows[at], tile.rows[at + 1]]));
+                let weighted = 65535.0 * libm::powf(row / 65535.0, 1.0 - crate::bound::DARK_POWER) * 1.0001;
+                for k in 0..rank {
+                    let u = f32::from((tile.u[(k / 2 * n + x) * 2 + k % 2] as i8).unsigned_abs());
+                    for (kind, row) in [row, weighted].into_iter().enumerate() {
+                        let slot = &mut out[(kind * 3 + c) * rank + k];
+                        *slot = slot.max(u * row);
+                    }
+                }
+            }
         }
-        if sum == 0.0 { 0.0 } else { sum * (127.0 * 65535.0 * 1.0001) + ROUNDING }
+    }
+
+    fn pair(&self, kind: usize, channel: usize, pair: usize) -> [f32; 2] {
+        let rank = self.0.len() / 6;
+        let at = (kind * 3 + channel) * rank + 2 * pair;
+        match self.0.get(at..at + 2) {
+            Some(reach) if 2 * pair < rank => [reach[0], reach[1]],
+            _ => [127.0 * 65535.0; 2],
+        }
     }
 }
 

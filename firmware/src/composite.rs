@@ -3,7 +3,7 @@
 use crate::coefficients::Coefficients;
 use crate::field::Field;
 use crate::kernel::{Extent, Kernel, Linear, Shown};
-use crate::relight::{LinearTile, TileLight};
+use crate::relight::{LinearTile, TileLight, add_rows};
 use crate::surface::{Surface, rgb};
 use crate::tile::{TILE_PIXELS, TILE_PX, Tile};
 use crate::tone::ViewLight;
@@ -90,9 +90,8 @@ impl Compositor<'_> {
         let tile = field.response().tile(index);
         let n = tile.padded_pixels();
         let coverage = field.coverage(index);
-        let has_residuals =
-            light.standouts.iter().any(|s| field.residuals().get(index, &tile, usize::from(s.patch)).is_some());
-        if n == TILE_PIXELS && tile.pixels() == n && coverage.is_none() && !has_residuals && target.is_inside() {
+        let has_rows = add_rows(field, index, light.weights, linear);
+        if n == TILE_PIXELS && tile.pixels() == n && coverage.is_none() && !has_rows && target.is_inside() {
             let (x0, y0) = target.at;
             let (pixels_xrgb, stride) = target.surface.from_mut(x0, y0 - target.surface_y0);
             let job = coefficients.job(&tile, light.sun);
@@ -100,14 +99,13 @@ impl Compositor<'_> {
         }
         let mut buffer = [0u32; TILE_PIXELS];
         let shown = Shown { pixels_xrgb: &mut buffer[..n], stride: TILE_PX };
-        let extent = if has_residuals {
-            coefficients.pixels(field, index, light, self.kernel, linear);
-            let nothing = Coefficients::ZERO;
-            self.kernel.relight(&nothing.job(&tile, None), Linear::Add(linear.planes(n)), Some(shown))
+        let job = coefficients.job(&tile, light.sun);
+        let extent = if has_rows {
+            self.kernel.relight(&job, Linear::Add(linear.planes(n)), Some(shown))
         } else if coverage.is_some() {
             coefficients.reconstruct(&tile, light.sun, self.kernel, linear)
         } else {
-            self.kernel.relight(&coefficients.job(&tile, light.sun), Linear::Skip, Some(shown))
+            self.kernel.relight(&job, Linear::Skip, Some(shown))
         };
         if let Some(coverage) = coverage {
             self.add_view(&tile, coverage, linear, target.at);

@@ -31,31 +31,33 @@
 //!   COVR                  coverage, u8 per covered pixel, 255 = whole; slots of whole tiles may be left out
 //!   SUNT SUNU SUNV SUNR   indirect sunlight: a tile set with the same masks, read only when the sun moves
 //!   CAST CBVH FRGT FRAG   direct sunlight: surfaces, their bounding volumes, and what each pixel sees (sunlight.rs)
-//!   RSDT RSDL             residuals of single patches, read only while a patch outshines the sky (residual.rs);
-//!                         may be left out
+//!   BNDB BNDT             constants of the error bound (bound.rs); may be left out
+//!   WAYT WAYD             rows of single patches, read only where the factors do not do (wayback.rs); may be left out
 //!   META                  UTF-8 JSON about the bake, for people
 //!
 //! a tile set: one 64-byte record per tile, tiles row by row
 //!   0  [u8;32] mask: bit y*16+x (least significant bit first) is set where the pixel is covered
 //!  32  u32 place of U    36  u32 place of V    40  u32 place of the row scales   44  u32 place of coverage
 //!         (in units of 16 bytes in RESU, RESV, ROWS, COVR; coverage FFFFFFFF: every pixel of the mask is whole)
-//!  48  u16 covered pixels n = bits set in the mask           50  u16 rank r, even, 0..=128
+//!  48  u16 covered pixels n = bits set in the mask           50  u16 rank r of U, even, 0..=v
 //!  52  i8[3] exponent of the row scales, R G B               55  i8[3] exponent of V's scales, R G B
-//!  58  reserved, 0
+//!  58  u16 rank v of V, even, r..=128                            60  reserved, 0
 //!   U     i8, r/2 planes of n' pixel pairs: U[x][2j], U[x][2j+1] at (j*n' + x)*2; n' = n rounded up to 16
-//!   V     i8 [3][r][p'], p' = patches rounded up to 16 (filled with 0), then u16 [3][r] scales
+//!   V     i8 [3][v][p'], p' = patches rounded up to 16 (filled with 0), then u16 [3][v] scales; the tiles of a block
+//!         (2 x 2 tiles, from the top left) share one V: same place, rank and exponents
 //!   rows  u16 [3][n'] row scales; their places rise with the tile's number and do not overlap, so that planes with
 //!         a value per covered pixel and channel (the sun's response) can share the layout
 //!
 //! response[x][c][i] = rows[c][x] 2^re[c] * sum_k U[x][k] * V[c][k][i] * scale[c][k] 2^ve[c]
 //! ```
 
+use crate::bound::Bounds;
 pub use crate::header::{CameraRecord, Header, Layer};
 use crate::header::{u16_at, u32_at, u64_at};
 use crate::patches::{MAX_PATCHES, PatchError, PatchSet};
-use crate::residual::Residuals;
 use crate::sunlight::SunSurfaces;
 use crate::tile::{TILE_RECORD, TileSet};
+use crate::wayback::WayBack;
 
 /// First bytes of every field file.
 pub const MAGIC: [u8; 8] = *b"\x89RLM\r\n\x1a\n";
@@ -78,9 +80,9 @@ pub const MAX_LAYERS: u32 = 256;
 pub type LayerKind = [u8; 4];
 
 /// Kinds that this version reads.
-pub const KNOWN_LAYERS: [LayerKind; 16] = [
+pub const KNOWN_LAYERS: [LayerKind; 18] = [
     *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"SUNT", *b"SUNU", *b"SUNV", *b"SUNR", *b"CAST", *b"CBVH",
-    *b"FRGT", *b"FRAG", *b"META", *b"RSDT", *b"RSDL",
+    *b"FRGT", *b"FRAG", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD",
 ];
 
 /// What is wrong with a field; each message says what to do.
@@ -158,7 +160,8 @@ pub struct Field<'a> {
     header: Header,
     response: TileSet<'a>,
     coverage: &'a [u8],
-    residuals: Residuals<'a>,
+    way_back: WayBack<'a>,
+    bounds: Option<Bounds<'a>>,
     sun_indirect: TileSet<'a>,
     sun_surfaces: SunSurfaces<'a>,
     meta: &'a [u8],
@@ -200,12 +203,16 @@ impl<'a> Field<'a> {
         }
         let sun_surfaces =
             SunSurfaces::check([layer(*b"CAST")?, layer(*b"CBVH")?, layer(*b"FRGT")?, layer(*b"FRAG")?], &response)?;
-        let residuals = match (find_layer(bytes, *b"RSDT"), find_layer(bytes, *b"RSDL")) {
-            (Some(places), Some(blocks)) => Residuals::check(places, blocks, &response)?,
-            _ => Residuals::NONE,
+        let way_back = match (find_layer(bytes, *b"WAYT"), find_layer(bytes, *b"WAYD")) {
+            (Some(places), Some(blocks)) => WayBack::check(places, blocks, &response)?,
+            _ => WayBack::NONE,
+        };
+        let bounds = match (find_layer(bytes, *b"BNDB"), find_layer(bytes, *b"BNDT")) {
+            (Some(basis), Some(records)) => Some(Bounds::check(basis, records, response.blocks(), patches)?),
+            _ => None,
         };
         let meta = find_layer(bytes, *b"META").unwrap_or(&[]);
-        Ok(Field { bytes, header, response, coverage, residuals, sun_indirect, sun_surfaces, meta })
+        Ok(Field { bytes, header, response, coverage, way_back, bounds, sun_indirect, sun_surfaces, meta })
     }
 
     /// The header's facts.
@@ -238,9 +245,14 @@ impl<'a> Field<'a> {
         self.response
     }
 
-    /// Residuals of single patches.
-    pub fn residuals(&self) -> Residuals<'a> {
-        self.residuals
+    /// Rows of single patches, for light that the factors are not good enough for.
+    pub fn way_back(&self) -> WayBack<'a> {
+        self.way_back
+    }
+
+    /// Constants of the error bound, if the file has them.
+    pub fn bounds(&self) -> Option<Bounds<'a>> {
+        self.bounds
     }
 
     /// The indirect part of the response to the sun.

@@ -3,6 +3,7 @@
 //! `no_std`, no allocation, no operating system. The host program and the C interface lend it bytes and buffers.
 #![cfg_attr(not(any(test, feature = "std")), no_std)]
 
+pub mod bound;
 pub mod coefficients;
 pub mod composite;
 pub mod field;
@@ -14,9 +15,9 @@ pub mod kernel;
 pub mod overlay;
 pub mod patches;
 pub mod relight;
-pub mod residual;
 pub mod sunlight;
 pub mod surface;
 pub mod tile;
 pub mod tone;
+pub mod wayback;
 pub mod weights;

@@ -2,9 +2,11 @@
 
 pub use crate::coefficients::Coefficients;
 use crate::field::Field;
-use crate::kernel::{Extent, Kernel, Linear, Reconstruction};
+use crate::coefficients::row_unit;
+use crate::kernel::{Extent, Kernel, Linear, Reconstruction, UNIT_LIMIT};
 use crate::tile::{TILE_PIXELS, Tile};
-use crate::weights::Standout;
+use crate::wayback::RowCodes;
+use crate::weights::{Apart, FixedWeights};
 
 /// Light beside the projected patches, the same for all tiles of a picture.
 #[derive(Clone, Copy, Debug)]
@@ -12,8 +14,8 @@ pub struct TileLight<'a> {
     /// The sun's response plane of the whole field (u16 in 1/32768, laid out like the row scales) and its weight
     /// ([`crate::weights::FixedWeights::sun_q16`]); `None`: no sun.
     pub sun: Option<(&'a [u16], [u32; 3])>,
-    /// Patches whose residuals are read ([`crate::weights::FixedWeights::standouts`]).
-    pub standouts: &'a [Standout],
+    /// The weights that the coefficients came from: patches that they set apart are added by their own rows.
+    pub weights: &'a FixedWeights,
 }
 
 /// Unit of the sun's response (1/32768) times its weight (1/65536).
@@ -26,14 +28,15 @@ impl Coefficients {
     /// weight ([`crate::weights::FixedWeights::sun_q16`]).
     pub fn job<'a>(&'a self, tile: &Tile<'a>, sun: Option<(&'a [u16], [u32; 3])>) -> Reconstruction<'a> {
         let n = tile.padded_pixels();
-        let pairs = self.rank() / 2;
+        let pairs = self.rank().min(tile.rank()) / 2;
+        let unit = |c: usize| (self.unit[c] * row_unit(tile, c)).min(UNIT_LIMIT);
         Reconstruction {
             u: tile.u,
             pixels: n,
             covered: tile.pixels(),
             pairs: [&self.pairs[0][..pairs], &self.pairs[1][..pairs], &self.pairs[2][..pairs]],
             rows: tile.rows,
-            unit: self.unit,
+            unit: [unit(0), unit(1), unit(2)],
             sun: sun.map(|(plane, weight)| {
                 (&plane[tile.plane_at..tile.plane_at + 3 * n], weight.map(|q16| q16 as f32 * SUN_UNIT))
             }),
@@ -58,8 +61,8 @@ impl Coefficients {
         kernel.prefetch(tile.rows);
     }
 
-    /// Linear values of tile number `index` of `field` with all that belongs to its picture: patches, the sun, and the
-    /// residuals of patches that outshine the sky. Tells whether there were residuals: the extent then lacks them.
+    /// Linear values of tile number `index` of `field` with all that belongs to its picture: factors, the sun, and the
+    /// rows of patches that are set apart.
     pub fn pixels(
         &self,
         field: &Field<'_>,
@@ -67,18 +70,45 @@ impl Coefficients {
         light: &TileLight<'_>,
         kernel: Kernel,
         out: &mut LinearTile,
-    ) -> (Extent, bool) {
+    ) -> Extent {
         let tile = field.response().tile(index);
-        let extent = self.reconstruct(&tile, light.sun, kernel, out);
-        let mut added = false;
-        for standout in light.standouts {
-            if let Some(residual) = field.residuals().get(index, &tile, usize::from(standout.patch)) {
-                residual.add(standout.light, out.planes(tile.padded_pixels()));
-                added = true;
-            }
-        }
-        (extent, added)
+        let has_rows = add_rows(field, index, light.weights, out);
+        let planes = out.planes(tile.padded_pixels());
+        let linear = if has_rows { Linear::Add(planes) } else { Linear::Write(planes) };
+        kernel.relight(&self.job(&tile, light.sun), linear, None)
     }
+}
+
+/// Writes the light of the patches that `weights` set apart, by their own rows; `false` if there are none here.
+pub fn add_rows(field: &Field<'_>, index: usize, weights: &FixedWeights, out: &mut LinearTile) -> bool {
+    let mut apart = weights.apart().peekable();
+    if apart.peek().is_none() {
+        return false;
+    }
+    let (tile, way_back) = (field.response().tile(index), field.way_back());
+    let n = tile.padded_pixels();
+    let mut codes = RowCodes::default();
+    let mut any = false;
+    for Apart { patch, light } in apart {
+        let Some(rows) = way_back.get(index, &tile, usize::from(patch)) else { continue };
+        if !any {
+            out.planes(n).into_iter().for_each(|plane| plane.fill(0.0));
+            any = true;
+        }
+        rows.decode(&mut codes);
+        for (c, plane) in out.planes(n).into_iter().enumerate() {
+            let unit = (rows.unit() * light[c] * row_unit(&tile, c)).min(UNIT_LIMIT);
+            let codes = &codes.0[c][..n];
+            plane.iter_mut().zip(codes).for_each(|(sum, &code)| *sum += (u16::from(code) * u16::from(code)) as f32 * unit);
+        }
+    }
+    if any {
+        for (plane, rows) in out.planes(n).into_iter().zip(tile.rows.chunks_exact(2 * n)) {
+            let rows = rows.as_chunks::<2>().0;
+            plane.iter_mut().zip(rows).for_each(|(sum, row)| *sum *= f32::from(u16::from_le_bytes(*row)));
+        }
+    }
+    any
 }
 
 /// Linear values of one tile, `[channel][covered pixel]`, 1 = display white, premultiplied by coverage.

@@ -421,7 +421,7 @@ impl SunLight {
         }
         let mut indirect = FixedWeights::dark(patches.len());
         // The interpolation is finite and not negative, so it is never refused.
-        let _ = indirect.set(&grey[..patches.len()], None, 1.0);
+        let _ = indirect.set(&grey[..patches.len()], None, 1.0, &[]);
         SunLight {
             disc: SunDisc::new(dir_world),
             rays: ViewRays::new(field.camera(), field.width(), field.height()),

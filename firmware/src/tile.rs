@@ -5,6 +5,8 @@ use crate::header::{u16_at, u32_at};
 
 /// Edge of a tile, px.
 pub const TILE_PX: usize = 16;
+/// Edge of a block, tiles: the tiles of a block share one V, so that it is projected once for all of them.
+pub const BLOCK_TILES: usize = 2;
 /// Most pixels of a tile.
 pub const TILE_PIXELS: usize = TILE_PX * TILE_PX;
 /// Length of a tile record, bytes.
@@ -40,8 +42,10 @@ pub struct TileRecord {
     pub coverage_place: u32,
     /// Covered pixels.
     pub pixels: u16,
-    /// Rank, even.
+    /// Rank of U, even.
     pub rank: u16,
+    /// Rank of V, even, at least `rank`; the same for all tiles of a block.
+    pub v_rank: u16,
     /// Exponents of the row scales, R G B.
     pub row_exponent: [i8; 3],
     /// Exponents of V's scales, R G B.
@@ -62,6 +66,7 @@ impl TileRecord {
             out[52 + c] = self.row_exponent[c] as u8;
             out[55 + c] = self.v_exponent[c] as u8;
         }
+        out[58..60].copy_from_slice(&self.v_rank.to_le_bytes());
         out
     }
 
@@ -76,6 +81,7 @@ impl TileRecord {
             coverage_place: u32_at(b, 44),
             pixels: u16_at(b, 48),
             rank: u16_at(b, 50),
+            v_rank: u16_at(b, 58),
             row_exponent: [b[52] as i8, b[53] as i8, b[54] as i8],
             v_exponent: [b[55] as i8, b[56] as i8, b[57] as i8],
         }
@@ -89,9 +95,9 @@ pub struct Tile<'a> {
     pub record: TileRecord,
     /// U, `rank/2` planes of padded pixel pairs, i8 as bytes.
     pub u: &'a [u8],
-    /// V, `[3][rank][padded patches]`, i8 as bytes.
+    /// V, `[3][v_rank][padded patches]`, i8 as bytes.
     pub v: &'a [u8],
-    /// Scales of V, `[3][rank]` u16, little-endian.
+    /// Scales of V, `[3][v_rank]` u16, little-endian.
     pub v_scale: &'a [u8],
     /// Row scales, `[3][padded pixels]` u16, little-endian.
     pub rows: &'a [u8],
@@ -111,14 +117,24 @@ impl<'a> Tile<'a> {
         padded(self.pixels())
     }
 
-    /// Rank.
+    /// Rank of U: ranks that this tile needs.
     pub fn rank(&self) -> usize {
         usize::from(self.record.rank)
     }
 
+    /// Rank of V: ranks that any tile of the block needs.
+    pub fn v_rank(&self) -> usize {
+        usize::from(self.record.v_rank)
+    }
+
     /// Scale of rank `k` of channel `c`.
     pub fn v_scale(&self, c: usize, k: usize) -> u16 {
-        u16_at(self.v_scale, 2 * (c * self.rank() + k))
+        u16_at(self.v_scale, 2 * (c * self.v_rank() + k))
+    }
+
+    /// What the largest row scale (65535) of channel `c` means.
+    pub fn row_top(&self, c: usize) -> f32 {
+        libm::scalbnf(65535.0, i32::from(self.record.row_exponent[c]))
     }
 
     /// The covered pixels as `y*16 + x`, ascending: the order of everything stored per pixel.
@@ -196,7 +212,23 @@ impl<'a> TileSet<'a> {
             }
             set.covered += usize::from(record.pixels);
         }
+        set.check_blocks()?;
         Ok(set)
+    }
+
+    /// All covered tiles of a block must name the same V.
+    fn check_blocks(&self) -> Result<(), FieldError> {
+        for block in 0..self.blocks() {
+            let mut records = self.tiles_of(block).map(|tile| TileRecord::decode(self.record(tile)));
+            let Some(first) = records.find(|record| record.pixels > 0) else { continue };
+            let same = |r: &TileRecord| {
+                (r.v_place, r.v_rank, r.v_exponent) == (first.v_place, first.v_rank, first.v_exponent)
+            };
+            if records.any(|record| record.pixels > 0 && !same(&record)) {
+                return Err(FieldError::Invalid("V of a block"));
+            }
+        }
+        Ok(())
     }
 
     fn check_record(&self, record: &TileRecord, coverage: Option<&[u8]>) -> Result<(), FieldError> {
@@ -205,7 +237,8 @@ impl<'a> TileSet<'a> {
             return Err(FieldError::Invalid("tile mask"));
         }
         let rank = usize::from(record.rank);
-        if rank > MAX_RANK || rank % 2 != 0 {
+        let v_rank = usize::from(record.v_rank);
+        if v_rank > MAX_RANK || rank > v_rank || rank % 2 != 0 || v_rank % 2 != 0 {
             return Err(FieldError::Invalid("tile rank"));
         }
         if record.row_exponent.iter().chain(&record.v_exponent).any(|e| !EXPONENT_RANGE.contains(e)) {
@@ -213,7 +246,7 @@ impl<'a> TileSet<'a> {
         }
         let fits = |place: u32, len: usize, layer: &[u8]| place as usize * PLACE_UNIT + len <= layer.len();
         let n = padded(usize::from(record.pixels));
-        let v_bytes = 3 * rank * (padded(self.patches) + 2);
+        let v_bytes = 3 * v_rank * (padded(self.patches) + 2);
         let whole = record.coverage_place == ALL_WHOLE;
         let places = fits(record.u_place, rank * n, self.u)
             && fits(record.v_place, v_bytes, self.v)
@@ -234,6 +267,32 @@ impl<'a> TileSet<'a> {
     /// Tiles per row and per column.
     pub fn grid(&self) -> (usize, usize) {
         (self.tiles.0 as usize, self.tiles.1 as usize)
+    }
+
+    /// Blocks per row and per column.
+    pub fn block_grid(&self) -> (usize, usize) {
+        let (columns, rows) = self.grid();
+        (columns.div_ceil(BLOCK_TILES), rows.div_ceil(BLOCK_TILES))
+    }
+
+    /// Number of blocks.
+    pub fn blocks(&self) -> usize {
+        let (columns, rows) = self.block_grid();
+        columns * rows
+    }
+
+    /// The block of a tile.
+    pub fn block_of(&self, tile: usize) -> usize {
+        let columns = self.grid().0.max(1);
+        tile / columns / BLOCK_TILES * self.block_grid().0 + tile % columns / BLOCK_TILES
+    }
+
+    /// The tiles of a block, ascending.
+    pub fn tiles_of(&self, block: usize) -> impl Iterator<Item = usize> + use<> {
+        let ((columns, rows), across) = (self.grid(), self.block_grid().0.max(1));
+        let (x0, y0) = (block % across * BLOCK_TILES, block / across * BLOCK_TILES);
+        let tiles = (0..BLOCK_TILES).flat_map(move |y| (0..BLOCK_TILES).map(move |x| (x0 + x, y0 + y)));
+        tiles.filter(move |&(x, y)| x < columns && y < rows).map(move |(x, y)| y * columns + x)
     }
 
     /// Covered pixels of all tiles.
@@ -257,12 +316,13 @@ impl<'a> TileSet<'a> {
         let (n, rank) = (padded(usize::from(record.pixels)), usize::from(record.rank));
         let part =
             |layer: &'a [u8], place: u32, skip: usize, len: usize| &layer[place as usize * PLACE_UNIT + skip..][..len];
-        let v_bytes = 3 * rank * padded(self.patches);
+        let v_rank = usize::from(record.v_rank);
+        let v_bytes = 3 * v_rank * padded(self.patches);
         Tile {
             record,
             u: part(self.u, record.u_place, 0, rank * n),
             v: part(self.v, record.v_place, 0, v_bytes),
-            v_scale: part(self.v, record.v_place, v_bytes, 6 * rank),
+            v_scale: part(self.v, record.v_place, v_bytes, 6 * v_rank),
             rows: part(self.rows, record.rows_place, 0, 6 * n),
             plane_at: record.rows_place as usize * PLACE_UNIT / 2,
             coverage_at: (record.coverage_place != ALL_WHOLE).then_some(record.coverage_place as usize * PLACE_UNIT),

@@ -72,23 +72,51 @@ pub struct FixedWeights {
     lit_blocks: usize,
     dark_patches: usize,
     sun_q16: [u32; 3],
-    standouts: [Standout; MAX_STANDOUTS],
-    standout_count: usize,
+    /// Patches left out of `value_q`, and radiance times exposure of each.
+    apart: [u16; MAX_PATCHES],
+    apart_light: [[f32; 3]; MAX_PATCHES],
+    apart_count: usize,
 }
 
-/// A patch that outshines the sky: its residual is read.
+/// A patch whose own rows are added instead of going through the factors (wayback.rs).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Standout {
+pub struct Apart {
     /// Patch.
     pub patch: u16,
     /// Radiance times exposure.
     pub light: [f32; 3],
 }
 
-/// Most patches whose residuals are read for one picture.
+/// Most patches that [`standouts`] names.
 pub const MAX_STANDOUTS: usize = 8;
 /// A patch stands out when it is this many times as bright as the patches' mean.
 pub const STANDOUT_TIMES_MEAN: f32 = 4.0;
+
+/// Patches that outshine the sky: brighter than [`STANDOUT_TIMES_MEAN`] times the mean, at most [`MAX_STANDOUTS`],
+/// ascending. Returns how many of `out` were written.
+pub fn standouts(radiance_linear: &[[f32; 3]], out: &mut [u16; MAX_STANDOUTS]) -> usize {
+    let bright = |rgb: &[f32; 3]| rgb[0].max(rgb[1]).max(rgb[2]);
+    let mean = radiance_linear.iter().map(|rgb| f64::from(bright(rgb))).sum::<f64>();
+    let least = f64::from(STANDOUT_TIMES_MEAN) * mean / radiance_linear.len().max(1) as f64;
+    let mut found = [(0.0f32, 0u16); MAX_STANDOUTS];
+    let mut count = 0;
+    for (patch, rgb) in radiance_linear.iter().enumerate().take(MAX_PATCHES) {
+        let own = bright(rgb);
+        if f64::from(own) <= least {
+            continue;
+        }
+        let at = found[..count].iter().position(|&(other, _)| other < own).unwrap_or(count);
+        if at < MAX_STANDOUTS {
+            let last = count.min(MAX_STANDOUTS - 1);
+            found.copy_within(at..last, at + 1);
+            found[at] = (own, patch as u16);
+            count = last + 1;
+        }
+    }
+    found[..count].sort_unstable_by_key(|&(_, patch)| patch);
+    out.iter_mut().zip(found).for_each(|(out, (_, patch))| *out = patch);
+    count
+}
 
 /// Exponents are kept in this range so that shifts stay small; radiance times exposure from 1e-30 to 1e30.
 const EXPONENT_LIMIT: i32 = 110;
@@ -104,12 +132,14 @@ impl FixedWeights {
             lit_blocks: 0,
             dark_patches: patches,
             sun_q16: [0; 3],
-            standouts: [Standout { patch: 0, light: [0.0; 3] }; MAX_STANDOUTS],
-            standout_count: 0,
+            apart: [0; MAX_PATCHES],
+            apart_light: [[0.0; 3]; MAX_PATCHES],
+            apart_count: 0,
         }
     }
 
-    /// Quantises `radiance_linear` (RGB per patch, in the field's order) and the sun, both times `exposure`.
+    /// Quantises `radiance_linear` (RGB per patch, in the field's order) and the sun, both times `exposure`. The patches
+    /// `apart` are left out and kept in [`FixedWeights::apart`].
     ///
     /// # Errors
     /// [`WeightError`] for a wrong count, or a NaN, infinite or negative number; `self` is then as before.
@@ -118,13 +148,14 @@ impl FixedWeights {
         radiance_linear: &[[f32; 3]],
         sun: Option<&SunWeight>,
         exposure: f32,
+        apart: &[u16],
     ) -> Result<(), WeightError> {
         self.check(radiance_linear, sun, exposure)?;
+        self.set_apart(radiance_linear, exposure, apart);
         for channel in 0..3 {
             self.set_channel(channel, radiance_linear, exposure);
         }
         self.find_lit();
-        self.find_standouts(radiance_linear, exposure);
         self.sun_q16 = sun.map_or([0; 3], |sun| sun.irradiance.map(|e| sun_q16(e * exposure)));
         Ok(())
     }
@@ -152,10 +183,25 @@ impl FixedWeights {
         Ok(())
     }
 
+    fn set_apart(&mut self, radiance: &[[f32; 3]], exposure: f32, apart: &[u16]) {
+        self.apart_count = 0;
+        for &patch in apart.iter().take(MAX_PATCHES) {
+            if let Some(rgb) = radiance.get(usize::from(patch)) {
+                self.apart[self.apart_count] = patch;
+                self.apart_light[self.apart_count] = rgb.map(|value| value * exposure);
+                self.apart_count += 1;
+            }
+        }
+    }
+
     fn set_channel(&mut self, channel: usize, radiance: &[[f32; 3]], exposure: f32) {
-        let (exposure, mut largest, mut sum) = (f64::from(exposure), 0f64, 0f64);
-        for rgb in radiance {
-            let value = f64::from(rgb[channel]) * exposure;
+        let (wide, mut largest, mut sum) = (f64::from(exposure), 0f64, 0f64);
+        let mut values = [0f32; MAX_PADDED];
+        values.iter_mut().zip(radiance).for_each(|(value, rgb)| *value = rgb[channel]);
+        self.apart[..self.apart_count].iter().for_each(|&patch| values[usize::from(patch)] = 0.0);
+        let values = &values[..radiance.len()];
+        for &value in values {
+            let value = f64::from(value) * wide;
             largest = largest.max(value);
             sum += value;
         }
@@ -163,10 +209,12 @@ impl FixedWeights {
         // half a count per patch to the sum.
         let room = (MAX_SUM - MAX_PATCHES as i64) as f64;
         let unit = (largest / 32767.0).max(sum / room);
-        let exponent = exponent_above(unit).clamp(-EXPONENT_LIMIT, EXPONENT_LIMIT);
-        let scale = libm::scalbn(exposure, -exponent);
-        for (q, rgb) in self.value_q[channel].iter_mut().zip(radiance) {
-            *q = libm::rint(f64::from(rgb[channel]) * scale).min(32767.0) as i16;
+        let least = exponent_above(unit).clamp(-EXPONENT_LIMIT, EXPONENT_LIMIT);
+        // One step of slack: light that flickers around a power of two keeps its scale, and projections stay additive.
+        let exponent = if self.exponent[channel] == least + 1 { least + 1 } else { least };
+        let scale = libm::scalbn(wide, -exponent);
+        for (q, &value) in self.value_q[channel].iter_mut().zip(values) {
+            *q = libm::rint(f64::from(value) * scale).min(32767.0) as i16;
         }
         self.exponent[channel] = exponent;
     }
@@ -183,35 +231,20 @@ impl FixedWeights {
         self.dark_patches = (0..self.patches).filter(|&patch| !lit_at(self, patch)).count();
     }
 
-    /// The brightest patches beyond [`STANDOUT_TIMES_MEAN`], brightest first; the lower number first among equals.
-    fn find_standouts(&mut self, radiance: &[[f32; 3]], exposure: f32) {
-        let bright = |rgb: &[f32; 3]| rgb[0].max(rgb[1]).max(rgb[2]);
-        let mean = radiance.iter().map(|rgb| f64::from(bright(rgb))).sum::<f64>() / radiance.len().max(1) as f64;
-        self.standout_count = 0;
-        for (patch, rgb) in radiance.iter().enumerate() {
-            if f64::from(bright(rgb)) <= f64::from(STANDOUT_TIMES_MEAN) * mean {
-                continue;
-            }
-            let light = rgb.map(|value| value * exposure);
-            let known = &self.standouts[..self.standout_count];
-            let at = known.iter().position(|s| bright(&s.light) < bright(&light)).unwrap_or(known.len());
-            if at < MAX_STANDOUTS {
-                let last = self.standout_count.min(MAX_STANDOUTS - 1);
-                self.standouts.copy_within(at..last, at + 1);
-                self.standouts[at] = Standout { patch: patch as u16, light };
-                self.standout_count = last + 1;
-            }
-        }
-    }
-
-    /// Patches whose residuals belong to the picture.
-    pub fn standouts(&self) -> &[Standout] {
-        &self.standouts[..self.standout_count]
+    /// Patches left out of the values.
+    pub fn apart(&self) -> impl Iterator<Item = Apart> + '_ {
+        let known = self.apart[..self.apart_count].iter().zip(&self.apart_light);
+        known.map(|(&patch, &light)| Apart { patch, light })
     }
 
     /// Values of a channel, padded with zeros to a multiple of [`LANE_PAD`].
     pub fn value_q(&self, channel: usize) -> &[i16] {
         &self.value_q[channel][..padded(self.patches)]
+    }
+
+    /// Values and lit blocks of a channel, as a projection takes them.
+    pub fn values(&self, channel: usize) -> Values<'_> {
+        Values { value_q: self.value_q(channel), lit_blocks: self.lit_blocks() }
     }
 
     /// Power of two of one count, per channel.
@@ -237,6 +270,73 @@ impl FixedWeights {
     /// The sun's irradiance times exposure in 1/65536, at most [`MAX_SUN_Q16`].
     pub fn sun_q16(&self) -> [u32; 3] {
         self.sun_q16
+    }
+}
+
+/// Values of one channel and the blocks of [`LANE_PAD`] patches in which any channel is not 0.
+#[derive(Clone, Copy, Debug)]
+pub struct Values<'a> {
+    /// Padded with zeros to a multiple of [`LANE_PAD`].
+    pub value_q: &'a [i16],
+    /// Ascending.
+    pub lit_blocks: &'a [u8],
+}
+
+/// What changed between two sets of weights of the same scale: projections are linear, so only this is projected.
+#[derive(Clone, Debug)]
+pub struct WeightStep {
+    value_q: [[i16; MAX_PADDED]; 3],
+    lit: [u8; BLOCKS],
+    lit_blocks: usize,
+    patches: usize,
+}
+
+impl WeightStep {
+    /// No change.
+    pub const NONE: WeightStep =
+        WeightStep { value_q: [[0; MAX_PADDED]; 3], lit: [0; BLOCKS], lit_blocks: 0, patches: 0 };
+
+    /// Takes the step from `before` to `after`. `false` where it cannot stand for the change, because a scale changed or
+    /// the sum of changes is out of the range that a projection holds.
+    pub fn set(&mut self, before: &FixedWeights, after: &FixedWeights) -> bool {
+        if before.patches != after.patches || before.exponent != after.exponent {
+            return false;
+        }
+        self.patches = after.patches;
+        self.lit_blocks = 0;
+        let mut sums = [0i64; 3];
+        for block in 0..padded(self.patches) / LANE_PAD {
+            let mut changed = false;
+            for (c, sum) in sums.iter_mut().enumerate() {
+                for at in block * LANE_PAD..(block + 1) * LANE_PAD {
+                    // Neither is negative, so the difference fits.
+                    let step = after.value_q[c][at] - before.value_q[c][at];
+                    self.value_q[c][at] = step;
+                    *sum += i64::from(step.unsigned_abs());
+                    changed |= step != 0;
+                }
+            }
+            if changed {
+                self.lit[self.lit_blocks] = block as u8;
+                self.lit_blocks += 1;
+            }
+        }
+        sums.iter().all(|&sum| sum <= MAX_SUM)
+    }
+
+    /// Did nothing change?
+    pub fn is_none(&self) -> bool {
+        self.lit_blocks == 0
+    }
+
+    /// Changes of a channel.
+    pub fn values(&self, channel: usize) -> Values<'_> {
+        Values { value_q: &self.value_q[channel][..padded(self.patches)], lit_blocks: &self.lit[..self.lit_blocks] }
+    }
+
+    /// Patches that changed.
+    pub fn changed(&self) -> usize {
+        (0..self.patches).filter(|&patch| self.value_q.iter().any(|channel| channel[patch] != 0)).count()
     }
 }
 
@@ -268,7 +368,7 @@ mod tests {
         for scale in [1e-12f32, 1e-3, 1.0, 7.3e4, 1e12] {
             let sky: vec::Vec<[f32; 3]> =
                 (0..272).map(|i| [scale * (i as f32 + 1.0), scale, scale * 0.5 / (i as f32 + 1.0)]).collect();
-            weights.set(&sky, None, 0.25).unwrap();
+            weights.set(&sky, None, 0.25, &[]).unwrap();
             for c in 0..3 {
                 let unit = 2f64.powi(weights.exponent()[c]);
                 let largest = sky.iter().map(|rgb| f64::from(rgb[c])).fold(0.0, f64::max) * 0.25;
@@ -283,7 +383,7 @@ mod tests {
     #[test]
     fn the_sum_stays_in_its_bound_at_the_most_patches() {
         let mut weights = FixedWeights::dark(MAX_PATCHES);
-        weights.set(&vec![[3.0e7; 3]; MAX_PATCHES], None, 1.0).unwrap();
+        weights.set(&vec![[3.0e7; 3]; MAX_PATCHES], None, 1.0, &[]).unwrap();
         let sum: i64 = weights.value_q(0).iter().map(|&q| i64::from(q)).sum();
         assert!(sum <= MAX_SUM && sum > MAX_SUM / 4);
     }
@@ -294,28 +394,48 @@ mod tests {
         for bad in [f32::NAN, f32::INFINITY, -1.0] {
             let mut sky = vec![[1.0; 3]; 16];
             sky[5][1] = bad;
-            assert!(matches!(weights.set(&sky, None, 1.0), Err(WeightError::Radiance { patch: 5, .. })));
+            assert!(matches!(weights.set(&sky, None, 1.0, &[]), Err(WeightError::Radiance { patch: 5, .. })));
         }
         let sky = vec![[1.0; 3]; 16];
-        assert!(matches!(weights.set(&sky[1..], None, 1.0), Err(WeightError::Count { .. })));
-        assert!(matches!(weights.set(&sky, None, 0.0), Err(WeightError::Exposure(_))));
+        assert!(matches!(weights.set(&sky[1..], None, 1.0, &[]), Err(WeightError::Count { .. })));
+        assert!(matches!(weights.set(&sky, None, 0.0, &[]), Err(WeightError::Exposure(_))));
         let sun = SunWeight { dir_world: [0.0, 2.0, 0.0], irradiance: [1.0; 3] };
-        assert_eq!(weights.set(&sky, Some(&sun), 1.0), Err(WeightError::Sun));
+        assert_eq!(weights.set(&sky, Some(&sun), 1.0, &[]), Err(WeightError::Sun));
     }
 
     #[test]
-    fn the_brightest_patches_stand_out_in_order() {
-        let mut weights = FixedWeights::dark(64);
+    fn the_brightest_patches_stand_out() {
         let mut sky = vec![[1.0; 3]; 64];
-        weights.set(&sky, None, 1.0).unwrap();
-        assert!(weights.standouts().is_empty());
+        let mut found = [0u16; MAX_STANDOUTS];
+        assert_eq!(standouts(&sky, &mut found), 0);
         for (k, patch) in [5usize, 60, 0, 33, 12, 50, 20, 21, 22, 23].into_iter().enumerate() {
             sky[patch] = [100.0 + 10.0 * (k % 5) as f32; 3];
         }
-        weights.set(&sky, None, 0.5).unwrap();
-        let found: vec::Vec<u16> = weights.standouts().iter().map(|s| s.patch).collect();
-        assert_eq!(found, [12, 23, 22, 33, 0, 21, 20, 60]);
-        assert_eq!(weights.standouts()[0].light, [70.0; 3]);
+        assert_eq!(standouts(&sky, &mut found), 8);
+        assert_eq!(found, [0, 12, 20, 21, 22, 23, 33, 60]);
+    }
+
+    #[test]
+    fn patches_apart_leave_the_values_and_keep_their_light() {
+        let mut weights = FixedWeights::dark(32);
+        let mut sky = vec![[1.0; 3]; 32];
+        sky[7] = [1000.0, 500.0, 250.0];
+        weights.set(&sky, None, 0.5, &[7]).unwrap();
+        assert_eq!(weights.value_q(0)[7], 0);
+        assert!(weights.value_q(0)[6] > 16000, "the bright patch no longer rules the scale");
+        assert!(weights.apart().eq([Apart { patch: 7, light: [500.0, 250.0, 125.0] }]));
+    }
+
+    #[test]
+    fn flicker_around_a_power_of_two_keeps_the_scale() {
+        let mut weights = FixedWeights::dark(16);
+        let mut seen = vec![];
+        for k in 0..100 {
+            let value = if k % 2 == 0 { 0.999 } else { 1.001 } * 32767.0 / 16384.0;
+            weights.set(&vec![[value; 3]; 16], None, 1.0, &[]).unwrap();
+            seen.push(weights.exponent()[0]);
+        }
+        assert!(seen[2..].windows(2).all(|pair| pair[0] == pair[1]));
     }
 
     #[test]
@@ -323,10 +443,10 @@ mod tests {
         let mut weights = FixedWeights::dark(32);
         let mut sky = vec![[0.0; 3]; 32];
         sky[20] = [f32::from_bits(1); 3];
-        weights.set(&sky, None, 1.0).unwrap();
+        weights.set(&sky, None, 1.0, &[]).unwrap();
         assert_eq!((weights.lit_blocks().len(), weights.dark_patches()), (0, 32));
         sky[20] = [1.0; 3];
-        weights.set(&sky, None, 1.0).unwrap();
+        weights.set(&sky, None, 1.0, &[]).unwrap();
         assert_eq!((weights.lit_blocks(), weights.dark_patches()), (&[1u8][..], 31));
     }
 }

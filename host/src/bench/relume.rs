@@ -25,7 +25,7 @@ impl<'f> Relume<'f> {
         let (width, height) = (field.width(), field.height());
         let mut relighter = Relighter::new(field, 1);
         if let Some(ranks) = max_rank {
-            relighter.set_max_rank(ranks);
+            relighter.set_rank_limit(Some(ranks));
         }
         let view = View::new(width, height, Vec::new());
         Relume { relighter, max_rank, view, framebuffer: Framebuffer::new(width, height), covered }

@@ -1,0 +1,225 @@
+//! The bound on a block's error under the light of the moment, against the uncompressed response.
+//!
+//! ```text
+//! BNDB  u32 modes K   4 u32 patches per group = 16   8 u32 dimensions D = K + ceil(patches / 16)   12 reserved, 0
+//!       16 f32 [K][patches]: orthonormal modes of the sky prior
+//! BNDT  per block of 2 x 2 tiles (tile.rs):
+//!       0 f32[3] scale, plain, R G B   12 f32[3] scale, weighted   24 f32[3] reach, plain   36 f32[3] weighted
+//!       48 u8 [2][3][D'] codes of m, plain then weighted; D' = D rounded up to 16
+//! ```
+//!
+//! With `a` the parts of the weights along the modes and, for the rest, the norms over groups of patches,
+//! `|error| <= sqrt(scale * sum_d m_d a_d^2)` for every pixel of the block (Cauchy-Schwarz over an ellipsoid that holds
+//! what compression leaves out of every pixel; bake/src/compress/bound.rs). The weighted constants bound
+//! `|error| / (row scale / 65535)^0.583`, which follows the slope of the sRGB curve into the dark.
+
+use crate::field::FieldError;
+use crate::header::{f32_at, u32_at, vec3_at};
+use crate::patches::MAX_PATCHES;
+use crate::tile::{LANE_PAD, padded};
+use crate::tone::LINEAR_SLOPE;
+use crate::weights::FixedWeights;
+
+/// Modes of the prior that a bound tells apart.
+pub const BOUND_MODES: usize = 31;
+/// Patches per group of what the modes leave.
+pub const GROUP: usize = 16;
+/// Power of a row scale that the weighted bound is relative to: the sRGB curve's slope falls as light^-0.583.
+pub const DARK_POWER: f32 = 0.583;
+const MAX_DIMS: usize = padded(BOUND_MODES + MAX_PATCHES.div_ceil(GROUP));
+const BASIS_HEADER: usize = 16;
+const RECORD_HEADER: usize = 48;
+
+/// The value of a code: 5 bits of exponent, 3 of mantissa, 2^-40 (times 1 to 1.875) to 2^-9; code 0 is 0.
+pub fn bound_value(code: u8) -> f32 {
+    if code == 0 { 0.0 } else { f32::from_bits((u32::from(code) + (87 << 3)) << 20) }
+}
+
+/// The smallest code whose value is not below `value`; 255 beyond the range, 1 below it.
+pub fn bound_code(value: f32) -> u8 {
+    if value <= 0.0 {
+        return 0;
+    }
+    (1..=255).find(|&code| bound_value(code) >= value).unwrap_or(255)
+}
+
+/// Checked bound layers.
+#[derive(Clone, Copy, Debug)]
+pub struct Bounds<'a> {
+    basis: &'a [u8],
+    records: &'a [u8],
+    modes: usize,
+    patches: usize,
+    dims: usize,
+}
+
+/// The weights of one moment as the bound takes them.
+#[derive(Clone, Debug)]
+pub struct BoundLight {
+    /// Squared parts per channel.
+    squares: [[f32; MAX_DIMS]; 3],
+    /// Half a count of the fixed-point weights, per channel.
+    half_count: [f32; 3],
+}
+
+impl BoundLight {
+    /// No light.
+    pub const DARK: BoundLight = BoundLight { squares: [[0.0; MAX_DIMS]; 3], half_count: [0.0; 3] };
+}
+
+impl<'a> Bounds<'a> {
+    pub(crate) fn check(
+        basis: &'a [u8],
+        records: &'a [u8],
+        blocks: usize,
+        patches: usize,
+    ) -> Result<Self, FieldError> {
+        let bad = FieldError::Invalid("bounds");
+        if basis.len() < BASIS_HEADER {
+            return Err(bad);
+        }
+        let modes = u32_at(basis, 0) as usize;
+        let dims = modes.saturating_add(patches.div_ceil(GROUP));
+        let shape = modes <= BOUND_MODES
+            && u32_at(basis, 4) as usize == GROUP
+            && u32_at(basis, 8) as usize == dims
+            && basis.len() == BASIS_HEADER + 4 * modes * patches;
+        let bounds = Bounds { basis, records, modes, patches, dims };
+        if !shape || records.len() != blocks * bounds.record_len() {
+            return Err(bad);
+        }
+        let good = |value: f32| value.is_finite() && value >= 0.0;
+        let finite = basis[BASIS_HEADER..].chunks_exact(4).all(|b| f32_at(b, 0).is_finite());
+        let scales = (0..blocks).all(|block| (0..12).all(|k| good(f32_at(bounds.record(block), 4 * k))));
+        if finite && scales { Ok(bounds) } else { Err(bad) }
+    }
+
+    fn record_len(&self) -> usize {
+        RECORD_HEADER + 6 * padded(self.dims)
+    }
+
+    fn record(&self, block: usize) -> &'a [u8] {
+        &self.records[block * self.record_len()..][..self.record_len()]
+    }
+
+    /// Splits the weights over the modes and groups.
+    pub fn light(&self, weights: &FixedWeights, out: &mut BoundLight) {
+        for c in 0..3 {
+            let unit = libm::scalbnf(1.0, weights.exponent()[c]);
+            let mut rest = [0.0f32; padded(MAX_PATCHES)];
+            let rest = &mut rest[..self.patches];
+            rest.iter_mut().zip(weights.value_q(c)).for_each(|(r, &q)| *r = f32::from(q) * unit);
+            let squares = &mut out.squares[c];
+            squares.fill(0.0);
+            // Each mode takes its part of what the ones before left: the same as all at once for orthonormal modes.
+            for (k, square) in squares.iter_mut().enumerate().take(self.modes) {
+                let mode = self.basis[BASIS_HEADER + 4 * k * self.patches..][..4 * self.patches].as_chunks::<4>().0;
+                let part = dot(mode, rest);
+                rest.iter_mut().zip(mode).for_each(|(r, z)| *r -= part * f32::from_le_bytes(*z));
+                *square = part * part;
+            }
+            for (square, group) in squares[self.modes..].iter_mut().zip(rest.chunks(GROUP)) {
+                *square = group.iter().map(|r| r * r).sum();
+            }
+            out.half_count[c] = 0.5 * unit;
+        }
+    }
+
+    /// Bounds `[plain, weighted][channel]` on radiance times exposure, of compression and of the weights' rounding.
+    pub fn block(&self, block: usize, light: &BoundLight) -> [[f32; 3]; 2] {
+        let record = self.record(block);
+        let stride = padded(self.dims);
+        let mut out = [[0.0; 3]; 2];
+        for (kind, out) in out.iter_mut().enumerate() {
+            for (c, out) in out.iter_mut().enumerate() {
+                let codes = &record[RECORD_HEADER + (3 * kind + c) * stride..][..stride];
+                let sum = weighted_sum(codes, &light.squares[c]);
+                let squared = sum * f32_at(record, 12 * kind + 4 * c);
+                *out = libm::sqrtf(squared) * SLACK;
+            }
+        }
+        for (kind, out) in out.iter_mut().enumerate() {
+            let reach = vec3_at(record, 24 + 12 * kind);
+            out.iter_mut().zip(reach.iter().zip(light.half_count)).for_each(|(b, (reach, half))| *b += half * reach);
+        }
+        out
+    }
+}
+
+/// What single precision may lose on the way.
+const SLACK: f32 = 1.0001;
+
+fn dot(mode: &[[u8; 4]], rest: &[f32]) -> f32 {
+    let mut lanes = [0.0f32; 8];
+    for (mode, rest) in mode.chunks(8).zip(rest.chunks(8)) {
+        lanes.iter_mut().zip(mode.iter().zip(rest)).for_each(|(sum, (z, r))| *sum += f32::from_le_bytes(*z) * r);
+    }
+    lanes.iter().sum()
+}
+
+fn weighted_sum(codes: &[u8], squares: &[f32]) -> f32 {
+    let mut lanes = [0.0f32; LANE_PAD];
+    for (codes, squares) in codes.as_chunks::<LANE_PAD>().0.iter().zip(squares.as_chunks::<LANE_PAD>().0) {
+        for k in 0..LANE_PAD {
+            // Code 0 becomes 2^-40: a little more, never less, and no branch.
+            let value = f32::from_bits((u32::from(codes[k]) + (87 << 3)) << 20);
+            lanes[k] += value * squares[k];
+        }
+    }
+    lanes.iter().sum()
+}
+
+/// The largest change of an 8-bit sRGB code, before rounding, that an error within `plain` and `weighted` (of
+/// [`Bounds::block`], one channel) makes in a tile.
+///
+/// `brightness` is the smallest linear value over row scale / 65535 of the tile's pixels (its light if every row were
+/// the brightest), `darkest_row` the smallest row scale / 65535 that is not black.
+pub fn code_bound(plain: f32, weighted: f32, brightness: f32, darkest_row: f32) -> f32 {
+    let steepest = LINEAR_SLOPE * plain;
+    // In the darkest pixel the error is the largest share of the light.
+    let share = weighted * libm::powf(darkest_row, DARK_POWER - 1.0) / brightness;
+    if !(brightness > 0.0 && share < 0.9) {
+        return steepest;
+    }
+    // Slope of the curve, 255 * 1.055 / 2.4 * light^-0.583, at the light that the error may have taken away from.
+    let slope = 112.1 * libm::powf(brightness * (1.0 - share), -DARK_POWER);
+    steepest.min(slope * weighted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_round_up_and_cover_the_range() {
+        for exponent in -38..-9 {
+            for step in 0..16 {
+                let value = libm::scalbnf(1.0 + step as f32 / 16.0, exponent);
+                let found = bound_value(bound_code(value));
+                assert!(found >= value && found <= value * 1.13, "{value} {found}");
+            }
+        }
+        assert_eq!((bound_code(0.0), bound_value(0)), (0, 0.0));
+    }
+
+    /// Against the curve itself: no pixel of any row scale moves further than the bound says.
+    #[test]
+    fn code_bound_holds_on_the_curve() {
+        for brightness in [0.003f32, 0.05, 0.3, 1.0] {
+            for weighted in [1e-5f32, 1e-3, 0.01] {
+                for darkest in [1e-3f32, 0.05, 0.5, 1.0] {
+                    let bound = f64::from(code_bound(weighted, weighted, brightness, darkest));
+                    for k in 0..=50 {
+                        let row = darkest.powf(k as f32 / 50.0);
+                        let (light, error) = (row * brightness, row.powf(DARK_POWER) * weighted);
+                        for way in [-1.0, 1.0] {
+                            let truth = (light + way * error).max(0.0);
+                            let codes = |l: f32| crate::tone::srgb_code(f64::from(l.min(1.0)));
+                            assert!((codes(truth) - codes(light)).abs() <= bound * 1.0001 + 1e-4);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! Drawing: bands of tiles to the framebuffer.
+
+use super::blocks::Block;
+use super::levels::Levels;
+use super::tiles::TileState;
+use relume_firmware::composite::{Compositor, Target};
+use relume_firmware::field::Field;
+use relume_firmware::relight::{Coefficients, LinearTile, TileLight};
+use relume_firmware::surface::Surface;
+use relume_firmware::tile::{BLOCK_TILES, TILE_PX};
+
+/// Tiles of a band or frame, by what became of them.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Drew {
+    pub(super) drawn: usize,
+    pub(super) kept: usize,
+    pub(super) empty: usize,
+    pub(super) way_back: usize,
+    pub(super) bound_linear: f32,
+    pub(super) bound_codes: f32,
+}
+
+impl Drew {
+    pub(super) fn and(self, other: Drew) -> Drew {
+        Drew {
+            drawn: self.drawn + other.drawn,
+            kept: self.kept + other.kept,
+            empty: self.empty + other.empty,
+            way_back: self.way_back + other.way_back,
+            bound_linear: self.bound_linear.max(other.bound_linear),
+            bound_codes: self.bound_codes.max(other.bound_codes),
+        }
+    }
+}
+
+/// What all bands of a frame share.
+pub(super) struct Drawing<'a> {
+    pub(super) field: &'a Field<'a>,
+    pub(super) compositor: Compositor<'a>,
+    pub(super) levels: &'a Levels,
+    pub(super) blocks: &'a [Block],
+    pub(super) sun: Option<(&'a [u16], [u32; 3])>,
+    pub(super) view: u64,
+    pub(super) rank_limit: Option<usize>,
+    /// Are weights and exposure the same as in the frame before?
+    pub(super) same_weights: bool,
+}
+
+impl Drawing<'_> {
+    /// Draws one row of tiles.
+    pub(super) fn band(&self, row: usize, pixels: &mut [u32], states: &mut [TileState]) -> Drew {
+        let width = self.field.width();
+        let rows = pixels.len() / width;
+        let Ok(mut surface) = Surface::new(pixels, width, rows, width) else { return Drew::default() };
+        let mut drew = Drew::default();
+        let mut linear = LinearTile::new();
+        let across = self.field.response().block_grid().0;
+        let columns = states.len();
+        for (column, state) in states.iter_mut().enumerate() {
+            let index = row * columns + column;
+            let block = &self.blocks[row / BLOCK_TILES * across + column / BLOCK_TILES];
+            drew.empty += usize::from(state.empty);
+            if state.unchanged(index, self, block) {
+                drew.kept += usize::from(!state.empty);
+            } else {
+                let light = TileLight { sun: self.sun, weights: &self.levels.get(block.level).weights };
+                let target = Target {
+                    surface: &mut surface,
+                    surface_y0: row * TILE_PX,
+                    at: (column * TILE_PX, row * TILE_PX),
+                };
+                let coefficients = self.limited(block);
+                let extent = self.compositor.tile(self.field, index, (&coefficients, &light), &mut linear, target);
+                state.note(index, self, block, extent);
+                drew.drawn += usize::from(!state.empty);
+                drew.way_back += usize::from(block.level > 0 && !state.empty);
+            }
+            if !state.empty {
+                drew.bound_linear = drew.bound_linear.max(state.shown_bound.0);
+                drew.bound_codes = drew.bound_codes.max(state.shown_bound.1);
+            }
+        }
+        drew
+    }
+
+    pub(super) fn sun_q16(&self) -> [u32; 3] {
+        self.sun.map_or([0; 3], |(_, q16)| q16)
+    }
+
+    /// The block's coefficients with no more ranks than the frame allows.
+    pub(super) fn limited(&self, block: &Block) -> Coefficients {
+        let mut coefficients = block.coefficients;
+        if let Some(limit) = self.rank_limit {
+            coefficients.limit_rank(limit);
+        }
+        coefficients
+    }
+}

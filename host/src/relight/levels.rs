@@ -1,0 +1,100 @@
+//! The way back in levels: how many patches are shown by their own rows instead of through the factors.
+
+use crate::weights::PatchWeights;
+use relume_firmware::bound::BoundLight;
+use relume_firmware::field::Field;
+use relume_firmware::weights::{FixedWeights, MAX_STANDOUTS, WeightError, WeightStep, standouts};
+
+/// Levels there are.
+pub(super) const LEVELS: usize = 4;
+/// Patches apart from level 1 on; level 0 sets apart what outshines the sky.
+const PATCHES_APART: [usize; LEVELS] = [MAX_STANDOUTS, 24, 96, usize::MAX];
+
+/// The weights of one moment on one level.
+pub(super) struct Level {
+    pub(super) weights: FixedWeights,
+    pub(super) bound: BoundLight,
+    /// Is this the newest moment's?
+    ready: bool,
+}
+
+/// The weights of one moment on all levels; the higher ones only as far as they are asked for.
+pub(super) struct Levels {
+    levels: Vec<Level>,
+    before: FixedWeights,
+    step: WeightStep,
+    /// Does `step` lead from the moment before to this one, on level 0?
+    stepped: bool,
+    has_way_back: bool,
+    order: Vec<u16>,
+    apart: Vec<u16>,
+}
+
+impl Levels {
+    pub(super) fn new(field: &Field<'_>) -> Self {
+        let patches = field.patch_set().len();
+        let level = || Level { weights: FixedWeights::dark(patches), bound: BoundLight::DARK, ready: false };
+        Levels {
+            levels: (0..LEVELS).map(|_| level()).collect(),
+            before: FixedWeights::dark(patches),
+            step: WeightStep::NONE,
+            stepped: false,
+            has_way_back: field.way_back().bytes() > 0,
+            order: (0..patches as u16).collect(),
+            apart: Vec::with_capacity(patches),
+        }
+    }
+
+    /// Highest level of the field.
+    pub(super) fn top(&self) -> usize {
+        if self.has_way_back { LEVELS - 1 } else { 0 }
+    }
+
+    pub(super) fn get(&self, level: usize) -> &Level {
+        &self.levels[level]
+    }
+
+    /// The change since the moment before, on level 0, where projections can be stepped.
+    pub(super) fn step(&self) -> Option<&WeightStep> {
+        self.stepped.then_some(&self.step)
+    }
+
+    /// Takes the weights of a new moment.
+    pub(super) fn set(&mut self, field: &Field<'_>, given: &PatchWeights, exposure: f32) -> Result<(), WeightError> {
+        let mut brightest = [0u16; MAX_STANDOUTS];
+        let count = if self.has_way_back { standouts(&given.radiance, &mut brightest) } else { 0 };
+        self.before.clone_from(&self.levels[0].weights);
+        self.levels[0].weights.set(&given.radiance, given.sun.as_ref(), exposure, &brightest[..count])?;
+        self.levels.iter_mut().for_each(|level| level.ready = false);
+        self.stepped = self.step.set(&self.before, &self.levels[0].weights);
+        self.finish(field, 0);
+        Ok(())
+    }
+
+    /// Makes a higher level ready for the moment that [`Levels::set`] was given.
+    pub(super) fn prepare(&mut self, field: &Field<'_>, level: usize, given: &PatchWeights, exposure: f32) {
+        if self.levels[level].ready {
+            return;
+        }
+        let bright = |patch: u16| {
+            let rgb = given.radiance.get(usize::from(patch)).copied().unwrap_or_default();
+            rgb[0].max(rgb[1]).max(rgb[2])
+        };
+        self.order.sort_unstable_by(|&a, &b| bright(b).total_cmp(&bright(a)).then(a.cmp(&b)));
+        self.apart.clear();
+        let lit = self.order.iter().copied().filter(|&patch| bright(patch) > 0.0);
+        self.apart.extend(lit.take(PATCHES_APART[level]));
+        // The same numbers were accepted on level 0.
+        let accepted = self.levels[level].weights.set(&given.radiance, given.sun.as_ref(), exposure, &self.apart);
+        debug_assert!(accepted.is_ok());
+        self.finish(field, level);
+    }
+
+    fn finish(&mut self, field: &Field<'_>, level: usize) {
+        let level = &mut self.levels[level];
+        if let Some(bounds) = field.bounds() {
+            bounds.light(&level.weights, &mut level.bound);
+        }
+        level.ready = true;
+    }
+}
