@@ -8,6 +8,9 @@ pub mod scalar;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
+mod avx512;
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code)]
 mod detect;
 #[cfg(target_arch = "aarch64")]
 #[allow(unsafe_code)]
@@ -26,6 +29,8 @@ enum Path {
     Scalar,
     #[cfg(target_arch = "x86_64")]
     Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
     #[cfg(target_arch = "aarch64")]
     Neon,
 }
@@ -36,20 +41,21 @@ impl Kernel {
 
     /// The fastest path of this machine.
     pub fn detect() -> Kernel {
-        #[cfg(target_arch = "x86_64")]
-        if detect::has_avx2() {
-            return Kernel(Path::Avx2);
-        }
-        #[cfg(target_arch = "aarch64")]
-        return Kernel(Path::Neon);
-        #[allow(unreachable_code)]
-        Kernel::SCALAR
+        Kernel::paths().last().unwrap_or(Kernel::SCALAR)
     }
 
     /// All paths that this machine can run, the slowest first.
     pub fn paths() -> impl Iterator<Item = Kernel> {
-        let fastest = Kernel::detect();
-        [Kernel::SCALAR].into_iter().chain((fastest != Kernel::SCALAR).then_some(fastest))
+        #[cfg(target_arch = "x86_64")]
+        let vector = {
+            let found = detect::found();
+            [found.avx2.then_some(Path::Avx2), found.avx512.then_some(Path::Avx512)]
+        };
+        #[cfg(target_arch = "aarch64")]
+        let vector = [Some(Path::Neon)];
+        #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+        let vector = [None];
+        [Some(Path::Scalar)].into_iter().chain(vector).flatten().map(Kernel)
     }
 
     /// Name for reports.
@@ -58,6 +64,8 @@ impl Kernel {
             Path::Scalar => "scalar",
             #[cfg(target_arch = "x86_64")]
             Path::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512 => "avx512",
             #[cfg(target_arch = "aarch64")]
             Path::Neon => "neon",
         }
@@ -77,6 +85,10 @@ impl Kernel {
             #[cfg(target_arch = "x86_64")]
             #[allow(unsafe_code)]
             Path::Avx2 => unsafe { avx2::project(job, out) },
+            // SAFETY: `Kernel` holds this path only where the processor has AVX-512 BW and VNNI; lengths as above.
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            Path::Avx512 => unsafe { avx512::project(job, out) },
             // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
             #[cfg(target_arch = "aarch64")]
             #[allow(unsafe_code)]
@@ -97,6 +109,10 @@ impl Kernel {
             #[cfg(target_arch = "x86_64")]
             #[allow(unsafe_code)]
             Path::Avx2 => unsafe { avx2::relight(job, linear, shown) },
+            // SAFETY: `Kernel` holds this path only where the processor has AVX-512 BW and VNNI; lengths as above.
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            Path::Avx512 => unsafe { avx512::relight(job, linear, shown) },
             // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
             #[cfg(target_arch = "aarch64")]
             #[allow(unsafe_code)]
@@ -109,7 +125,7 @@ impl Kernel {
         match self.0 {
             Path::Scalar => {}
             #[cfg(target_arch = "x86_64")]
-            Path::Avx2 => avx2::prefetch(bytes),
+            Path::Avx2 | Path::Avx512 => avx2::prefetch(bytes),
             #[cfg(target_arch = "aarch64")]
             Path::Neon => neon::prefetch(bytes),
         }
@@ -128,6 +144,10 @@ impl Kernel {
             #[cfg(target_arch = "x86_64")]
             #[allow(unsafe_code)]
             Path::Avx2 => unsafe { avx2::tone(linear, out_xrgb) },
+            // SAFETY: `Kernel` holds this path only where the processor has AVX-512 BW and VNNI; lengths as above.
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            Path::Avx512 => unsafe { avx512::tone(linear, out_xrgb) },
             // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
             #[cfg(target_arch = "aarch64")]
             #[allow(unsafe_code)]

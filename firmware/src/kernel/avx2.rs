@@ -64,28 +64,11 @@ type Pixels = [__m256; 2];
 #[target_feature(enable = "avx2")]
 pub unsafe fn relight(job: &Reconstruction<'_>, linear: Linear<'_>, shown: Option<Shown<'_>>) -> Extent {
     let (out, stride) = shown.map_or((core::ptr::null_mut(), 0), |s| (s.pixels_xrgb.as_mut_ptr(), s.stride));
-    // SAFETY: as the caller promises; `out` is used only where it is shown.
-    unsafe {
-        match (linear, out.is_null()) {
-            (Linear::Skip, true) => blocks::<false, false, false>(job, [core::ptr::null_mut(); 3], out, stride),
-            (Linear::Skip, false) => blocks::<false, false, true>(job, [core::ptr::null_mut(); 3], out, stride),
-            (Linear::Write(to), true) => blocks::<true, false, false>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-            (Linear::Write(to), false) => blocks::<true, false, true>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-            (Linear::Add(to), true) => blocks::<true, true, false>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-            (Linear::Add(to), false) => blocks::<true, true, true>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-        }
-    }
-}
-
-/// # Safety
-/// AVX2; `planes` hold `job.pixels` values where written, `out` the rows of 16 where shown.
-#[target_feature(enable = "avx2")]
-unsafe fn blocks<const WRITE: bool, const ADD: bool, const SHOW: bool>(
-    job: &Reconstruction<'_>,
-    planes: [*mut f32; 3],
-    out: *mut u32,
-    stride: usize,
-) -> Extent {
+    let adds = matches!(linear, Linear::Add(_));
+    let planes = match linear {
+        Linear::Skip => None,
+        Linear::Write(planes) | Linear::Add(planes) => Some(planes.map(<[f32]>::as_mut_ptr)),
+    };
     let mut smallest = [_mm256_set1_ps(f32::INFINITY); 3];
     let mut largest = [_mm256_set1_ps(f32::NEG_INFINITY); 3];
     for x in (0..job.pixels).step_by(16) {
@@ -93,11 +76,11 @@ unsafe fn blocks<const WRITE: bool, const ADD: bool, const SHOW: bool>(
         let mut rgb = unsafe { values(job, x) };
         for c in 0..3 {
             for (half, value) in rgb[c].iter_mut().enumerate() {
-                if WRITE {
+                if let Some(planes) = planes {
                     // SAFETY: the planes hold job.pixels values.
                     unsafe {
                         let at = planes[c].add(x + 8 * half);
-                        if ADD {
+                        if adds {
                             *value = _mm256_add_ps(_mm256_loadu_ps(at), *value);
                         }
                         _mm256_storeu_ps(at, *value);
@@ -113,7 +96,7 @@ unsafe fn blocks<const WRITE: bool, const ADD: bool, const SHOW: bool>(
                 largest[c] = _mm256_max_ps(largest[c], high);
             }
         }
-        if SHOW {
+        if !out.is_null() {
             // SAFETY: block x/16 begins `stride` words after the one before, and holds 16.
             unsafe { show(rgb, out.add(x / 16 * stride)) };
         }

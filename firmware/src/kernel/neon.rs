@@ -37,28 +37,11 @@ type Sums = [[int32x4_t; 2]; 3];
 #[target_feature(enable = "neon")]
 pub unsafe fn relight(job: &Reconstruction<'_>, linear: Linear<'_>, shown: Option<Shown<'_>>) -> Extent {
     let (out, stride) = shown.map_or((core::ptr::null_mut(), 0), |s| (s.pixels_xrgb.as_mut_ptr(), s.stride));
-    // SAFETY: as the caller promises; planes and `out` are used only where they are written and shown.
-    unsafe {
-        match (linear, out.is_null()) {
-            (Linear::Skip, true) => blocks::<false, false, false>(job, [core::ptr::null_mut(); 3], out, stride),
-            (Linear::Skip, false) => blocks::<false, false, true>(job, [core::ptr::null_mut(); 3], out, stride),
-            (Linear::Write(to), true) => blocks::<true, false, false>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-            (Linear::Write(to), false) => blocks::<true, false, true>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-            (Linear::Add(to), true) => blocks::<true, true, false>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-            (Linear::Add(to), false) => blocks::<true, true, true>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-        }
-    }
-}
-
-/// # Safety
-/// `planes` hold `job.pixels` values where written, `out` the rows of 16 where shown.
-#[target_feature(enable = "neon")]
-unsafe fn blocks<const WRITE: bool, const ADD: bool, const SHOW: bool>(
-    job: &Reconstruction<'_>,
-    planes: [*mut f32; 3],
-    out: *mut u32,
-    stride: usize,
-) -> Extent {
+    let adds = matches!(linear, Linear::Add(_));
+    let planes = match linear {
+        Linear::Skip => None,
+        Linear::Write(planes) | Linear::Add(planes) => Some(planes.map(<[f32]>::as_mut_ptr)),
+    };
     let mut smallest = [vdupq_n_f32(f32::INFINITY); 3];
     let mut largest = [vdupq_n_f32(f32::NEG_INFINITY); 3];
     for x in (0..job.pixels).step_by(16) {
@@ -72,10 +55,10 @@ unsafe fn blocks<const WRITE: bool, const ADD: bool, const SHOW: bool>(
                 let mut value = unsafe { values(job, x, c, sums[c]) };
                 for quarter in 0..2 {
                     let (value, x) = (&mut value[quarter], x + 4 * quarter);
-                    if WRITE {
+                    if let Some(planes) = planes {
                         // SAFETY: the planes hold job.pixels values.
                         unsafe {
-                            if ADD {
+                            if adds {
                                 *value = vaddq_f32(vld1q_f32(planes[c].add(x)), *value);
                             }
                             vst1q_f32(planes[c].add(x), *value);
@@ -90,12 +73,12 @@ unsafe fn blocks<const WRITE: bool, const ADD: bool, const SHOW: bool>(
                     smallest[c] = vminq_f32(smallest[c], low);
                     largest[c] = vmaxq_f32(largest[c], high);
                 }
-                if SHOW {
+                if !out.is_null() {
                     logs[c][half] = log16(value);
                 }
             }
         }
-        if SHOW {
+        if !out.is_null() {
             // SAFETY: block x/16 begins `stride` words after the one before, and holds 16.
             unsafe { show(logs, out.add(x / 16 * stride)) };
         }
