@@ -15,6 +15,9 @@ mod detect;
 #[cfg(target_arch = "aarch64")]
 #[allow(unsafe_code)]
 mod neon;
+#[cfg(target_arch = "aarch64")]
+#[allow(unsafe_code)]
+mod neon_dot;
 
 pub use job::{Extent, Linear, Projection, Reconstruction, Shown, UNIT_LIMIT};
 
@@ -33,6 +36,8 @@ enum Path {
     Avx512,
     #[cfg(target_arch = "aarch64")]
     Neon,
+    #[cfg(target_arch = "aarch64")]
+    NeonDot,
 }
 
 impl Kernel {
@@ -52,10 +57,21 @@ impl Kernel {
             [found.avx2.then_some(Path::Avx2), found.avx512.then_some(Path::Avx512)]
         };
         #[cfg(target_arch = "aarch64")]
-        let vector = [Some(Path::Neon)];
+        let vector = [Some(Path::Neon), has_dot().then_some(Path::NeonDot)];
         #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
         let vector = [None];
         [Some(Path::Scalar)].into_iter().chain(vector).flatten().map(Kernel)
+    }
+
+    /// The fastest path of an aarch64 processor with these capabilities, for programs without `std`, where
+    /// [`Kernel::detect`] cannot ask for them.
+    ///
+    /// # Safety
+    /// `hwcap` must be what the kernel of the running system gives as AT_HWCAP (`getauxval(16)`).
+    #[cfg(target_arch = "aarch64")]
+    #[allow(unsafe_code)]
+    pub const unsafe fn of_hwcap(hwcap: u64) -> Kernel {
+        if hwcap & HWCAP_ASIMDDP != 0 { Kernel(Path::NeonDot) } else { Kernel(Path::Neon) }
     }
 
     /// Name for reports.
@@ -68,6 +84,8 @@ impl Kernel {
             Path::Avx512 => "avx512",
             #[cfg(target_arch = "aarch64")]
             Path::Neon => "neon",
+            #[cfg(target_arch = "aarch64")]
+            Path::NeonDot => "neon-dot",
         }
     }
 
@@ -93,6 +111,10 @@ impl Kernel {
             #[cfg(target_arch = "aarch64")]
             #[allow(unsafe_code)]
             Path::Neon => unsafe { neon::project(job, out) },
+            // SAFETY: `Kernel` holds this path only where the processor has `sdot`; the lengths were checked above.
+            #[cfg(target_arch = "aarch64")]
+            #[allow(unsafe_code)]
+            Path::NeonDot => unsafe { neon_dot::project(job, out) },
         }
     }
 
@@ -117,6 +139,10 @@ impl Kernel {
             #[cfg(target_arch = "aarch64")]
             #[allow(unsafe_code)]
             Path::Neon => unsafe { neon::relight(job, linear, shown) },
+            // SAFETY: `Kernel` holds this path only where the processor has `sdot`; the lengths were checked above.
+            #[cfg(target_arch = "aarch64")]
+            #[allow(unsafe_code)]
+            Path::NeonDot => unsafe { neon_dot::relight(job, linear, shown) },
         }
     }
 
@@ -127,7 +153,7 @@ impl Kernel {
             #[cfg(target_arch = "x86_64")]
             Path::Avx2 | Path::Avx512 => avx2::prefetch(bytes),
             #[cfg(target_arch = "aarch64")]
-            Path::Neon => neon::prefetch(bytes),
+            Path::Neon | Path::NeonDot => neon::prefetch(bytes),
         }
     }
 
@@ -151,9 +177,22 @@ impl Kernel {
             // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
             #[cfg(target_arch = "aarch64")]
             #[allow(unsafe_code)]
-            Path::Neon => unsafe { neon::tone(linear, out_xrgb) },
+            Path::Neon | Path::NeonDot => unsafe { neon::tone(linear, out_xrgb) },
         }
     }
+}
+
+/// Linux's bit for `sdot` in AT_HWCAP (arch/arm64/include/uapi/asm/hwcap.h).
+#[cfg(target_arch = "aarch64")]
+const HWCAP_ASIMDDP: u64 = 1 << 20;
+
+/// Has this processor `sdot`? Without `std` nobody can tell.
+#[cfg(target_arch = "aarch64")]
+fn has_dot() -> bool {
+    #[cfg(any(test, feature = "std"))]
+    return std::arch::is_aarch64_feature_detected!("dotprod");
+    #[cfg(not(any(test, feature = "std")))]
+    false
 }
 
 /// What the unsafe paths rely on.

@@ -30,12 +30,28 @@ pub unsafe fn project(job: &Projection<'_>, out: &mut [i32]) {
 /// Eight pixels of a channel.
 type Pixels = [float32x4_t; 2];
 /// Sums of eight pixels, per channel.
-type Sums = [[int32x4_t; 2]; 3];
+pub type Sums = [[int32x4_t; 2]; 3];
 
 /// # Safety
 /// Lengths as `Kernel::relight` checks them.
 #[target_feature(enable = "neon")]
 pub unsafe fn relight(job: &Reconstruction<'_>, linear: Linear<'_>, shown: Option<Shown<'_>>) -> Extent {
+    // SAFETY: as the caller promises.
+    unsafe { relight_by(job, linear, shown, |x| sums(job, x)) }
+}
+
+/// The same with the integer sums of the eight pixels from a pixel on given by `sums`.
+///
+/// # Safety
+/// Lengths as `Kernel::relight` checks them.
+#[target_feature(enable = "neon")]
+#[inline]
+pub unsafe fn relight_by(
+    job: &Reconstruction<'_>,
+    linear: Linear<'_>,
+    shown: Option<Shown<'_>>,
+    sums: impl Fn(usize) -> Sums,
+) -> Extent {
     let (out, stride) = shown.map_or((core::ptr::null_mut(), 0), |s| (s.pixels_xrgb.as_mut_ptr(), s.stride));
     let adds = matches!(linear, Linear::Add(_));
     let planes = match linear {
@@ -48,8 +64,7 @@ pub unsafe fn relight(job: &Reconstruction<'_>, linear: Linear<'_>, shown: Optio
         let mut logs = [[vdupq_n_u16(0); 2]; 3];
         for half in 0..2 {
             let x = x + 8 * half;
-            // SAFETY: x + 8 <= job.pixels.
-            let sums = unsafe { sums(job, x) };
+            let sums = sums(x);
             for c in 0..3 {
                 // SAFETY: x + 8 <= job.pixels.
                 let mut value = unsafe { values(job, x, c, sums[c]) };
