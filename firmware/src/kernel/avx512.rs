@@ -125,12 +125,11 @@ pub unsafe fn relight(job: &Reconstruction<'_>, linear: Linear<'_>, shown: Optio
         Linear::Skip => None,
         Linear::Write(planes) | Linear::Add(planes) => Some(planes.map(<[f32]>::as_mut_ptr)),
     };
-    let mut smallest = [_mm512_set1_ps(f32::INFINITY); 3];
-    let mut largest = [_mm512_set1_ps(f32::NEG_INFINITY); 3];
+    let mut smallest = [_mm512_set1_epi16(-1); 2];
+    let mut largest = [_mm512_setzero_si512(); 2];
     for x in (0..job.pixels).step_by(16) {
         // SAFETY: x + 16 <= job.pixels.
         let mut rgb = unsafe { values(job, x) };
-        let counts = ((1u32 << job.covered.saturating_sub(x).min(16)) - 1) as __mmask16;
         for (c, value) in rgb.iter_mut().enumerate() {
             if let Some(planes) = planes {
                 // SAFETY: the planes hold job.pixels values.
@@ -142,19 +141,42 @@ pub unsafe fn relight(job: &Reconstruction<'_>, linear: Linear<'_>, shown: Optio
                     _mm512_storeu_ps(at, *value);
                 }
             }
-            smallest[c] = _mm512_mask_min_ps(smallest[c], counts, smallest[c], *value);
-            largest[c] = _mm512_mask_max_ps(largest[c], counts, largest[c], *value);
+        }
+        let logs = log16(rgb);
+        let counts = if x + 16 <= job.covered { u32::MAX } else { words_below(job.covered.saturating_sub(x)) };
+        for k in 0..2 {
+            smallest[k] = _mm512_mask_min_epu16(smallest[k], counts, smallest[k], logs[k]);
+            largest[k] = _mm512_mask_max_epu16(largest[k], counts, largest[k], logs[k]);
         }
         if !out.is_null() {
             // SAFETY: block x/16 begins `stride` words after the one before, and holds 16.
-            unsafe { show(rgb, out.add(x / 16 * stride)) };
+            unsafe { show(logs, out.add(x / 16 * stride)) };
         }
     }
-    let extent = Extent {
-        smallest: smallest.map(|v| _mm512_reduce_min_ps(v)),
-        largest: largest.map(|v| _mm512_reduce_max_ps(v)),
+    Extent { smallest_log: fold(smallest, u16::min), largest_log: fold(largest, u16::max) }
+}
+
+/// The words of [`log16`]'s order that belong to the first `count` pixels.
+#[cold]
+fn words_below(count: usize) -> u32 {
+    (0..count).fold(0, |words, pixel| words | 0x11 << (pixel / 4 * 8 + pixel % 4))
+}
+
+/// R, G and B over all words of [`log16`]'s order.
+#[target_feature(enable = "avx512f,avx512bw")]
+#[inline]
+fn fold([gr, b]: [__m512i; 2], of: fn(u16, u16) -> u16) -> [u16; 3] {
+    let words = [gr, b].map(|v| {
+        let mut words = [0u16; 32];
+        // SAFETY: the array holds 64 bytes.
+        unsafe { _mm512_storeu_si512(words.as_mut_ptr().cast(), v) };
+        words
+    });
+    let over = |words: &[u16; 32], at: usize| {
+        let part = |k: usize| of(of(words[k], words[k + 1]), of(words[k + 2], words[k + 3]));
+        of(of(part(at), part(at + 8)), of(part(at + 16), part(at + 24)))
     };
-    extent.positive_zero()
+    [over(&words[0], 4), over(&words[0], 0), over(&words[1], 0)]
 }
 
 /// The 16 values from pixel `x` on, by the scalar path's `value`.
@@ -209,8 +231,21 @@ unsafe fn floats(at: *const __m256i) -> __m512 {
 pub unsafe fn tone(linear: [&[f32]; 3], out_xrgb: &mut [u32]) {
     for x in (0..out_xrgb.len()).step_by(16) {
         // SAFETY: the planes and the output have the same length, a multiple of 16.
-        unsafe { show(linear.map(|plane| _mm512_loadu_ps(plane.as_ptr().add(x))), out_xrgb.as_mut_ptr().add(x)) };
+        unsafe {
+            show(log16(linear.map(|plane| _mm512_loadu_ps(plane.as_ptr().add(x)))), out_xrgb.as_mut_ptr().add(x))
+        };
     }
+}
+
+/// The scalar path's `log16` of 16 pixels: per 128 bits four pixels' green, then their red; and their blue twice.
+#[target_feature(enable = "avx512f,avx512bw")]
+#[inline]
+fn log16(rgb: [__m512; 3]) -> [__m512i; 2] {
+    let [r, g, b] = rgb.map(|value| {
+        let bits = _mm512_srai_epi32::<{ LOG_SHIFT as u32 }>(_mm512_castps_si512(value));
+        _mm512_sub_epi32(bits, _mm512_set1_epi32(LOG_BIAS))
+    });
+    [_mm512_packus_epi32(g, r), _mm512_packus_epi32(b, b)]
 }
 
 /// Sixteen pixels' codes as 0x00RRGGBB.
@@ -219,16 +254,8 @@ pub unsafe fn tone(linear: [&[f32]; 3], out_xrgb: &mut [u32]) {
 /// AVX-512 BW; room for 16 words at `out`.
 #[target_feature(enable = "avx512f,avx512bw")]
 #[inline]
-unsafe fn show(rgb: [__m512; 3], out: *mut u32) {
-    let [r, g, b] = rgb.map(|value| {
-        _mm512_sub_epi32(
-            _mm512_srai_epi32::<{ LOG_SHIFT as u32 }>(_mm512_castps_si512(value)),
-            _mm512_set1_epi32(LOG_BIAS),
-        )
-    });
-    // Each 128 bits: four pixels' green, then their red; and their blue twice.
-    let gr = codes(_mm512_packus_epi32(g, r));
-    let b = codes(_mm512_packus_epi32(b, b));
+unsafe fn show(logs: [__m512i; 2], out: *mut u32) {
+    let [gr, b] = logs.map(|log| codes(log));
     let gb = _mm512_or_si512(_mm512_slli_epi16::<8>(gr), b);
     let r = _mm512_shuffle_epi32::<0b01_00_11_10>(gr);
     // SAFETY: as the caller promises.

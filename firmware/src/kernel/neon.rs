@@ -58,8 +58,8 @@ pub unsafe fn relight_by(
         Linear::Skip => None,
         Linear::Write(planes) | Linear::Add(planes) => Some(planes.map(<[f32]>::as_mut_ptr)),
     };
-    let mut smallest = [vdupq_n_f32(f32::INFINITY); 3];
-    let mut largest = [vdupq_n_f32(f32::NEG_INFINITY); 3];
+    let mut smallest = [vdupq_n_u16(u16::MAX); 3];
+    let mut largest = [vdupq_n_u16(0); 3];
     for x in (0..job.pixels).step_by(16) {
         let mut logs = [[vdupq_n_u16(0); 2]; 3];
         for half in 0..2 {
@@ -79,18 +79,15 @@ pub unsafe fn relight_by(
                             vst1q_f32(planes[c].add(x), *value);
                         }
                     }
-                    let (mut low, mut high) = (*value, *value);
-                    if x + 4 > job.covered {
-                        let counts = lanes_below(job.covered as i32 - x as i32);
-                        low = vbslq_f32(counts, low, vdupq_n_f32(f32::INFINITY));
-                        high = vbslq_f32(counts, high, vdupq_n_f32(f32::NEG_INFINITY));
-                    }
-                    smallest[c] = vminq_f32(smallest[c], low);
-                    largest[c] = vmaxq_f32(largest[c], high);
                 }
-                if !out.is_null() {
-                    logs[c][half] = log16(value);
+                let log = log16(value);
+                logs[c][half] = log;
+                let (mut low, mut high) = (log, log);
+                if x + 8 > job.covered {
+                    (low, high) = covered_ends(log, job.covered.saturating_sub(x));
                 }
+                smallest[c] = vminq_u16(smallest[c], low);
+                largest[c] = vmaxq_u16(largest[c], high);
             }
         }
         if !out.is_null() {
@@ -98,8 +95,7 @@ pub unsafe fn relight_by(
             unsafe { show(logs, out.add(x / 16 * stride)) };
         }
     }
-    let extent = Extent { smallest: smallest.map(|v| vminvq_f32(v)), largest: largest.map(|v| vmaxvq_f32(v)) };
-    extent.positive_zero()
+    Extent { smallest_log: smallest.map(|v| vminvq_u16(v)), largest_log: largest.map(|v| vmaxvq_u16(v)) }
 }
 
 /// Integer sums of the eight pixels from `x` on. Even and odd ranks stay in lanes of their own until the end.
@@ -116,7 +112,7 @@ unsafe fn sums(job: &Reconstruction<'_>, x: usize) -> Sums {
             let u = vld1q_s8(job.u.as_ptr().add((j * job.pixels + x) * 2).cast());
             let (low, high) = (vmovl_s8(vget_low_s8(u)), vmovl_high_s8(u));
             for (sums, pairs) in sums.iter_mut().zip(&job.pairs) {
-                let pair = vreinterpretq_s16_s32(vld1q_dup_s32(pairs.as_ptr().add(j)));
+                let pair = all_lanes(pairs.as_ptr().add(j));
                 sums[0] = vmlal_s16(sums[0], vget_low_s16(low), vget_low_s16(pair));
                 sums[1] = vmlal_high_s16(sums[1], low, pair);
                 sums[2] = vmlal_s16(sums[2], vget_low_s16(high), vget_low_s16(pair));
@@ -153,12 +149,36 @@ fn floats(values: uint16x8_t) -> Pixels {
     [vcvtq_f32_u32(vmovl_u16(vget_low_u16(values))), vcvtq_f32_u32(vmovl_high_u16(values))]
 }
 
+/// Logarithms for the smallest and the largest, where those from lane `count` on do not matter. Out of line, because it
+/// is rare, and else done for every pixel.
+#[target_feature(enable = "neon")]
+#[cold]
+#[inline(never)]
+fn covered_ends(log: uint16x8_t, count: usize) -> (uint16x8_t, uint16x8_t) {
+    const LANES: [u16; 8] = [0, 1, 2, 3, 4, 5, 6, 7];
+    // SAFETY: eight u16.
+    let others = vcgeq_u16(unsafe { vld1q_u16(LANES.as_ptr()) }, vdupq_n_u16(count as u16));
+    (vorrq_u16(log, others), vbicq_u16(log, others))
+}
+
+/// One pair in all lanes. Assembly, because the compiler must not see that all lanes are alike: it would then take the
+/// other factor's upper half out by an instruction of its own, where `smlal2` needs none.
+///
+/// # Safety
+/// An i32 at `pair`.
 #[target_feature(enable = "neon")]
 #[inline]
-fn lanes_below(count: i32) -> uint32x4_t {
-    const LANES: [i32; 4] = [0, 1, 2, 3];
-    // SAFETY: four i32.
-    vcgtq_s32(vdupq_n_s32(count), unsafe { vld1q_s32(LANES.as_ptr()) })
+unsafe fn all_lanes(pair: *const i32) -> int16x8_t {
+    let lanes;
+    // SAFETY: reads one i32, which the caller vouches for.
+    unsafe {
+        core::arch::asm!(
+            "ld1r {{ {lanes:v}.4s }}, [{pair}]",
+            lanes = lateout(vreg) lanes, pair = in(reg) pair,
+            options(pure, readonly, nostack, preserves_flags)
+        );
+    }
+    lanes
 }
 
 /// # Safety
@@ -215,23 +235,28 @@ fn codes(logs: [uint16x8_t; 2]) -> uint8x16_t {
         // SAFETY: the table holds 16 bytes.
         vqtbl1q_u8(unsafe { vld1q_u8(which.as_ptr()) }, octave)
     };
-    let wide = |low: &[u8; 16], high: &[u8; 16]| {
-        let (low, high) = (bytes(low), bytes(high));
-        [vreinterpretq_s16_u8(vzip1q_u8(low, high)), vreinterpretq_s16_u8(vzip2q_u8(low, high))]
-    };
     let c3 = bytes(const { &coefficient_bytes(3, 0) });
     let h2 = bytes(const { &coefficient_bytes(2, 0) });
+    let c1 = [bytes(const { &coefficient_bytes(1, 0) }), bytes(const { &coefficient_bytes(1, 1) })];
+    let c0 = [bytes(const { &coefficient_bytes(0, 0) }), bytes(const { &coefficient_bytes(0, 1) })];
     let c3 = [vmovl_u8(vget_low_u8(c3)), vmovl_high_u8(c3)];
     let c2 = [vshll_n_u8::<1>(vget_low_u8(h2)), vshll_high_n_u8::<1>(h2)];
-    let c1 = wide(const { &coefficient_bytes(1, 0) }, const { &coefficient_bytes(1, 1) });
-    let c0 = wide(const { &coefficient_bytes(0, 0) }, const { &coefficient_bytes(0, 1) });
+    // Widening as they add costs less than putting low and high bytes together.
+    let add = |half: usize, to: int16x8_t, [low, high]: [uint8x16_t; 2]| {
+        let to = vreinterpretq_u16_s16(to);
+        vreinterpretq_s16_u16(if half == 0 {
+            vaddq_u16(vaddw_u8(to, vget_low_u8(low)), vshll_n_u8::<8>(vget_low_u8(high)))
+        } else {
+            vaddq_u16(vaddw_high_u8(to, low), vshll_high_n_u8::<8>(high))
+        })
+    };
     let q7 = |half: usize| {
         let place = veorq_u16(vshlq_n_u16::<4>(logs[half]), vdupq_n_u16(0x8000));
         let place = vreinterpretq_s16_u16(place);
         let inner = vqrdmulhq_s16(vreinterpretq_s16_u16(c3[half]), place);
         let inner = vsubq_s16(inner, vreinterpretq_s16_u16(c2[half]));
-        let middle = vaddq_s16(c1[half], vqrdmulhq_s16(inner, place));
-        vreinterpretq_u16_s16(vaddq_s16(c0[half], vqrdmulhq_s16(middle, place)))
+        let middle = add(half, vqrdmulhq_s16(inner, place), c1);
+        vreinterpretq_u16_s16(add(half, vqrdmulhq_s16(middle, place), c0))
     };
     vshrn_high_n_u16::<CODE_SHIFT>(vshrn_n_u16::<CODE_SHIFT>(q7(0)), q7(1))
 }

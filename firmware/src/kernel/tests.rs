@@ -178,9 +178,8 @@ impl Given {
     }
 
     /// Equal bits, not only equal numbers.
-    fn bits(&self) -> (Vec<u32>, &[u32]) {
-        let extents = self.extent.smallest.iter().chain(&self.extent.largest);
-        (self.planes.iter().flatten().chain(extents).map(|v| v.to_bits()).collect(), &self.shown)
+    fn bits(&self) -> (Vec<u32>, &[u32], Extent) {
+        (self.planes.iter().flatten().map(|v| v.to_bits()).collect(), &self.shown, self.extent)
     }
 }
 
@@ -228,8 +227,16 @@ fn relit_values_are_the_exact_sums_to_single_precision() {
             for given in [&new, &added] {
                 let plane = &given.planes[c];
                 let covered = &plane[8..8 + case.covered];
-                let ends = (covered.iter().copied().reduce(f32::min), covered.iter().copied().reduce(f32::max));
-                assert_eq!(ends, (Some(given.extent.smallest[c]), Some(given.extent.largest[c])));
+                let (least, most) = (given.extent.smallest()[c], given.extent.largest()[c]);
+                let inside =
+                    covered.iter().all(|&value| (value >= least || least == 0.0 || value >= 1.0) && value < most);
+                let tight = |end: f32, by: f32| covered.iter().any(|&value| (end / by..=end * by).contains(&value));
+                let low = covered.iter().any(|&value| value < 2f32.powi(-15));
+                let high = covered.iter().any(|&value| value >= 1.0);
+                let by = 1.0 + 1.0 / 4096.0;
+                assert!(inside && (tight(least, by) || low && least < 2f32.powi(-15) || high && least > 0.999));
+                assert!(tight(most, by) || high && most == f32::INFINITY || most < 2f32.powi(-15));
+                assert!(!high || most == f32::INFINITY);
                 assert!(plane[..8].iter().chain(&plane[8 + n..]).all(|&guard| guard == before));
             }
         }
