@@ -65,6 +65,7 @@ pub unsafe fn relight_by(
         for half in 0..2 {
             let x = x + 8 * half;
             let sums = sums(x);
+            let others = lanes_from(job.covered.saturating_sub(x));
             for c in 0..3 {
                 // SAFETY: x + 8 <= job.pixels.
                 let mut value = unsafe { values(job, x, c, sums[c]) };
@@ -82,12 +83,8 @@ pub unsafe fn relight_by(
                 }
                 let log = log16(value);
                 logs[c][half] = log;
-                let (mut low, mut high) = (log, log);
-                if x + 8 > job.covered {
-                    (low, high) = covered_ends(log, job.covered.saturating_sub(x));
-                }
-                smallest[c] = vminq_u16(smallest[c], low);
-                largest[c] = vmaxq_u16(largest[c], high);
+                smallest[c] = vminq_u16(smallest[c], vmaxq_u16(log, others));
+                largest[c] = vmaxq_u16(largest[c], vqsubq_u16(log, others));
             }
         }
         if !out.is_null() {
@@ -105,22 +102,30 @@ pub unsafe fn relight_by(
 #[target_feature(enable = "neon")]
 #[inline]
 unsafe fn sums(job: &Reconstruction<'_>, x: usize) -> Sums {
-    let mut sums = [[vdupq_n_s32(0); 4]; 3];
-    for j in 0..job.pairs[0].len() {
-        // SAFETY: (j * n + x) * 2 + 16 <= pairs * n * 2 <= u.len(); the three slices of pairs have the same length.
-        unsafe {
-            let u = vld1q_s8(job.u.as_ptr().add((j * job.pixels + x) * 2).cast());
-            let (low, high) = (vmovl_s8(vget_low_s8(u)), vmovl_high_s8(u));
-            for (sums, pairs) in sums.iter_mut().zip(&job.pairs) {
-                let pair = all_lanes(pairs.as_ptr().add(j));
-                sums[0] = vmlal_s16(sums[0], vget_low_s16(low), vget_low_s16(pair));
-                sums[1] = vmlal_high_s16(sums[1], low, pair);
-                sums[2] = vmlal_s16(sums[2], vget_low_s16(high), vget_low_s16(pair));
-                sums[3] = vmlal_high_s16(sums[3], high, pair);
+    let count = job.pairs[0].len();
+    if count == 0 {
+        return [[vdupq_n_s32(0); 2]; 3];
+    }
+    // SAFETY: (j * n + x) * 2 + 16 <= pairs * n * 2 <= u.len() for j < pairs, and the three slices of pairs have the
+    // same length.
+    let load = |j: usize| unsafe {
+        let u = vld1q_s8(job.u.as_ptr().add((j * job.pixels + x) * 2).cast());
+        ([vmovl_s8(vget_low_s8(u)), vmovl_high_s8(u)], job.pairs.map(|pairs| all_lanes(pairs.as_ptr().add(j))))
+    };
+    let (u, pairs) = load(0);
+    let first =
+        |u: int16x8_t, pair: int16x8_t| [vmull_s16(vget_low_s16(u), vget_low_s16(pair)), vmull_high_s16(u, pair)];
+    let mut sums = pairs.map(|pair| [first(u[0], pair), first(u[1], pair)]);
+    for j in 1..count {
+        let (u, pairs) = load(j);
+        for (sums, pair) in sums.iter_mut().zip(pairs) {
+            for (sums, u) in sums.iter_mut().zip(u) {
+                sums[0] = vmlal_s16(sums[0], vget_low_s16(u), vget_low_s16(pair));
+                sums[1] = vmlal_high_s16(sums[1], u, pair);
             }
         }
     }
-    sums.map(|sums| [vpaddq_s32(sums[0], sums[1]), vpaddq_s32(sums[2], sums[3])])
+    sums.map(|sums| sums.map(|[low, high]| vpaddq_s32(low, high)))
 }
 
 /// Eight pixels of channel `c` from `x` on, by the scalar path's `value`; no fused multiply-add, which rounds once less.
@@ -149,16 +154,13 @@ fn floats(values: uint16x8_t) -> Pixels {
     [vcvtq_f32_u32(vmovl_u16(vget_low_u16(values))), vcvtq_f32_u32(vmovl_high_u16(values))]
 }
 
-/// Logarithms for the smallest and the largest, where those from lane `count` on do not matter. Out of line, because it
-/// is rare, and else done for every pixel.
+/// All bits of the lanes from `count` on.
 #[target_feature(enable = "neon")]
-#[cold]
-#[inline(never)]
-fn covered_ends(log: uint16x8_t, count: usize) -> (uint16x8_t, uint16x8_t) {
+#[inline]
+fn lanes_from(count: usize) -> uint16x8_t {
     const LANES: [u16; 8] = [0, 1, 2, 3, 4, 5, 6, 7];
     // SAFETY: eight u16.
-    let others = vcgeq_u16(unsafe { vld1q_u16(LANES.as_ptr()) }, vdupq_n_u16(count as u16));
-    (vorrq_u16(log, others), vbicq_u16(log, others))
+    vcgeq_u16(unsafe { vld1q_u16(LANES.as_ptr()) }, vdupq_n_u16(count as u16))
 }
 
 /// One pair in all lanes. Assembly, because the compiler must not see that all lanes are alike: it would then take the
