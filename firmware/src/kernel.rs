@@ -8,10 +8,16 @@ pub mod scalar;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
+mod avx512;
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code)]
 mod detect;
 #[cfg(target_arch = "aarch64")]
 #[allow(unsafe_code)]
 mod neon;
+#[cfg(target_arch = "aarch64")]
+#[allow(unsafe_code)]
+mod neon_dot;
 
 pub use job::{Extent, Linear, Projection, Reconstruction, Shown, UNIT_LIMIT};
 
@@ -26,8 +32,12 @@ enum Path {
     Scalar,
     #[cfg(target_arch = "x86_64")]
     Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
     #[cfg(target_arch = "aarch64")]
     Neon,
+    #[cfg(target_arch = "aarch64")]
+    NeonDot,
 }
 
 impl Kernel {
@@ -36,20 +46,32 @@ impl Kernel {
 
     /// The fastest path of this machine.
     pub fn detect() -> Kernel {
-        #[cfg(target_arch = "x86_64")]
-        if detect::has_avx2() {
-            return Kernel(Path::Avx2);
-        }
-        #[cfg(target_arch = "aarch64")]
-        return Kernel(Path::Neon);
-        #[allow(unreachable_code)]
-        Kernel::SCALAR
+        Kernel::paths().last().unwrap_or(Kernel::SCALAR)
     }
 
     /// All paths that this machine can run, the slowest first.
     pub fn paths() -> impl Iterator<Item = Kernel> {
-        let fastest = Kernel::detect();
-        [Kernel::SCALAR].into_iter().chain((fastest != Kernel::SCALAR).then_some(fastest))
+        #[cfg(target_arch = "x86_64")]
+        let vector = {
+            let found = detect::found();
+            [found.avx2.then_some(Path::Avx2), found.avx512.then_some(Path::Avx512)]
+        };
+        #[cfg(target_arch = "aarch64")]
+        let vector = [Some(Path::Neon), has_dot().then_some(Path::NeonDot)];
+        #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+        let vector = [None];
+        [Some(Path::Scalar)].into_iter().chain(vector).flatten().map(Kernel)
+    }
+
+    /// The fastest path of an aarch64 processor with these capabilities, for programs without `std`, where
+    /// [`Kernel::detect`] cannot ask for them.
+    ///
+    /// # Safety
+    /// `hwcap` must be what the kernel of the running system gives as AT_HWCAP (`getauxval(16)`).
+    #[cfg(target_arch = "aarch64")]
+    #[allow(unsafe_code)]
+    pub const unsafe fn of_hwcap(hwcap: u64) -> Kernel {
+        if hwcap & HWCAP_ASIMDDP != 0 { Kernel(Path::NeonDot) } else { Kernel(Path::Neon) }
     }
 
     /// Name for reports.
@@ -58,8 +80,12 @@ impl Kernel {
             Path::Scalar => "scalar",
             #[cfg(target_arch = "x86_64")]
             Path::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512 => "avx512",
             #[cfg(target_arch = "aarch64")]
             Path::Neon => "neon",
+            #[cfg(target_arch = "aarch64")]
+            Path::NeonDot => "neon-dot",
         }
     }
 
@@ -77,10 +103,18 @@ impl Kernel {
             #[cfg(target_arch = "x86_64")]
             #[allow(unsafe_code)]
             Path::Avx2 => unsafe { avx2::project(job, out) },
+            // SAFETY: `Kernel` holds this path only where the processor has AVX-512 BW and VNNI; lengths as above.
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            Path::Avx512 => unsafe { avx512::project(job, out) },
             // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
             #[cfg(target_arch = "aarch64")]
             #[allow(unsafe_code)]
             Path::Neon => unsafe { neon::project(job, out) },
+            // SAFETY: `Kernel` holds this path only where the processor has `sdot`; the lengths were checked above.
+            #[cfg(target_arch = "aarch64")]
+            #[allow(unsafe_code)]
+            Path::NeonDot => unsafe { neon_dot::project(job, out) },
         }
     }
 
@@ -97,10 +131,18 @@ impl Kernel {
             #[cfg(target_arch = "x86_64")]
             #[allow(unsafe_code)]
             Path::Avx2 => unsafe { avx2::relight(job, linear, shown) },
+            // SAFETY: `Kernel` holds this path only where the processor has AVX-512 BW and VNNI; lengths as above.
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            Path::Avx512 => unsafe { avx512::relight(job, linear, shown) },
             // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
             #[cfg(target_arch = "aarch64")]
             #[allow(unsafe_code)]
             Path::Neon => unsafe { neon::relight(job, linear, shown) },
+            // SAFETY: `Kernel` holds this path only where the processor has `sdot`; the lengths were checked above.
+            #[cfg(target_arch = "aarch64")]
+            #[allow(unsafe_code)]
+            Path::NeonDot => unsafe { neon_dot::relight(job, linear, shown) },
         }
     }
 
@@ -109,9 +151,9 @@ impl Kernel {
         match self.0 {
             Path::Scalar => {}
             #[cfg(target_arch = "x86_64")]
-            Path::Avx2 => avx2::prefetch(bytes),
+            Path::Avx2 | Path::Avx512 => avx2::prefetch(bytes),
             #[cfg(target_arch = "aarch64")]
-            Path::Neon => neon::prefetch(bytes),
+            Path::Neon | Path::NeonDot => neon::prefetch(bytes),
         }
     }
 
@@ -128,12 +170,29 @@ impl Kernel {
             #[cfg(target_arch = "x86_64")]
             #[allow(unsafe_code)]
             Path::Avx2 => unsafe { avx2::tone(linear, out_xrgb) },
+            // SAFETY: `Kernel` holds this path only where the processor has AVX-512 BW and VNNI; lengths as above.
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            Path::Avx512 => unsafe { avx512::tone(linear, out_xrgb) },
             // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
             #[cfg(target_arch = "aarch64")]
             #[allow(unsafe_code)]
-            Path::Neon => unsafe { neon::tone(linear, out_xrgb) },
+            Path::Neon | Path::NeonDot => unsafe { neon::tone(linear, out_xrgb) },
         }
     }
+}
+
+/// Linux's bit for `sdot` in AT_HWCAP (arch/arm64/include/uapi/asm/hwcap.h).
+#[cfg(target_arch = "aarch64")]
+const HWCAP_ASIMDDP: u64 = 1 << 20;
+
+/// Has this processor `sdot`? Without `std` nobody can tell.
+#[cfg(target_arch = "aarch64")]
+fn has_dot() -> bool {
+    #[cfg(any(test, feature = "std"))]
+    return std::arch::is_aarch64_feature_detected!("dotprod");
+    #[cfg(not(any(test, feature = "std")))]
+    false
 }
 
 /// What the unsafe paths rely on.

@@ -54,9 +54,14 @@ pub fn code(linear: f32) -> u8 {
     (code_q7(log16(linear)) >> CODE_SHIFT) as u8
 }
 
+/// The least light of a logarithm, 0..=65536.
+pub(crate) fn log16_start(log: u32) -> f32 {
+    f32::from_bits((log + LOG_BIAS as u32) << LOG_SHIFT)
+}
+
 /// The light's logarithm in 1/4096 octave above 2^-16, roughly; saturated to 16 bits.
 #[inline]
-fn log16(linear: f32) -> u16 {
+pub(crate) fn log16(linear: f32) -> u16 {
     ((linear.to_bits() as i32 >> LOG_SHIFT) - LOG_BIAS).clamp(0, 0xffff) as u16
 }
 
@@ -110,9 +115,9 @@ mod tests {
 
     /// The ends of the floats that share a logarithm, so that nothing between them is left out.
     fn ends(log16: u16) -> [f64; 2] {
-        let end = |log: i32| f64::from(f32::from_bits(((log + LOG_BIAS) << LOG_SHIFT) as u32));
-        let low = if log16 == 0 { 0.0 } else { end(i32::from(log16)) };
-        [low, end(i32::from(log16) + 1)]
+        let start = |log: u32| f64::from(log16_start(log));
+        let low = if log16 == 0 { 0.0 } else { start(u32::from(log16)) };
+        [low, start(u32::from(log16) + 1)]
     }
 
     #[test]

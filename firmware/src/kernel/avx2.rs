@@ -64,62 +64,46 @@ type Pixels = [__m256; 2];
 #[target_feature(enable = "avx2")]
 pub unsafe fn relight(job: &Reconstruction<'_>, linear: Linear<'_>, shown: Option<Shown<'_>>) -> Extent {
     let (out, stride) = shown.map_or((core::ptr::null_mut(), 0), |s| (s.pixels_xrgb.as_mut_ptr(), s.stride));
-    // SAFETY: as the caller promises; `out` is used only where it is shown.
-    unsafe {
-        match (linear, out.is_null()) {
-            (Linear::Skip, true) => blocks::<false, false, false>(job, [core::ptr::null_mut(); 3], out, stride),
-            (Linear::Skip, false) => blocks::<false, false, true>(job, [core::ptr::null_mut(); 3], out, stride),
-            (Linear::Write(to), true) => blocks::<true, false, false>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-            (Linear::Write(to), false) => blocks::<true, false, true>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-            (Linear::Add(to), true) => blocks::<true, true, false>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-            (Linear::Add(to), false) => blocks::<true, true, true>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-        }
-    }
-}
-
-/// # Safety
-/// AVX2; `planes` hold `job.pixels` values where written, `out` the rows of 16 where shown.
-#[target_feature(enable = "avx2")]
-unsafe fn blocks<const WRITE: bool, const ADD: bool, const SHOW: bool>(
-    job: &Reconstruction<'_>,
-    planes: [*mut f32; 3],
-    out: *mut u32,
-    stride: usize,
-) -> Extent {
-    let mut smallest = [_mm256_set1_ps(f32::INFINITY); 3];
-    let mut largest = [_mm256_set1_ps(f32::NEG_INFINITY); 3];
+    let adds = matches!(linear, Linear::Add(_));
+    let planes = match linear {
+        Linear::Skip => None,
+        Linear::Write(planes) | Linear::Add(planes) => Some(planes.map(<[f32]>::as_mut_ptr)),
+    };
+    let mut smallest = [_mm256_set1_epi16(-1); 3];
+    let mut largest = [_mm256_setzero_si256(); 3];
     for x in (0..job.pixels).step_by(16) {
         // SAFETY: x + 16 <= job.pixels.
         let mut rgb = unsafe { values(job, x) };
         for c in 0..3 {
             for (half, value) in rgb[c].iter_mut().enumerate() {
-                if WRITE {
+                if let Some(planes) = planes {
                     // SAFETY: the planes hold job.pixels values.
                     unsafe {
                         let at = planes[c].add(x + 8 * half);
-                        if ADD {
+                        if adds {
                             *value = _mm256_add_ps(_mm256_loadu_ps(at), *value);
                         }
                         _mm256_storeu_ps(at, *value);
                     }
                 }
-                let (mut low, mut high) = (*value, *value);
-                if x + 16 > job.covered {
-                    let counts = lanes_below(job.covered as i32 - (x + 8 * half) as i32);
-                    low = _mm256_blendv_ps(_mm256_set1_ps(f32::INFINITY), low, counts);
-                    high = _mm256_blendv_ps(_mm256_set1_ps(f32::NEG_INFINITY), high, counts);
-                }
-                smallest[c] = _mm256_min_ps(smallest[c], low);
-                largest[c] = _mm256_max_ps(largest[c], high);
             }
         }
-        if SHOW {
+        let logs = rgb.map(|pixels| log16(pixels));
+        for c in 0..3 {
+            let (mut low, mut high) = (logs[c], logs[c]);
+            if x + 16 > job.covered {
+                let others = lanes_from(job.covered as i32 - x as i32);
+                (low, high) = (_mm256_or_si256(low, others), _mm256_andnot_si256(others, high));
+            }
+            smallest[c] = _mm256_min_epu16(smallest[c], low);
+            largest[c] = _mm256_max_epu16(largest[c], high);
+        }
+        if !out.is_null() {
             // SAFETY: block x/16 begins `stride` words after the one before, and holds 16.
-            unsafe { show(rgb, out.add(x / 16 * stride)) };
+            unsafe { show(logs, out.add(x / 16 * stride)) };
         }
     }
-    let extent = Extent { smallest: smallest.map(|v| fold(v, f32::min)), largest: largest.map(|v| fold(v, f32::max)) };
-    extent.positive_zero()
+    Extent { smallest_log: smallest.map(|v| fold(v, u16::min)), largest_log: largest.map(|v| fold(v, u16::max)) }
 }
 
 /// The 16 values from pixel `x` on, by the scalar path's `value`.
@@ -178,19 +162,20 @@ unsafe fn floats(at: *const __m128i) -> __m256 {
     _mm256_cvtepi32_ps(_mm256_cvtepu16_epi32(unsafe { _mm_loadu_si128(at) }))
 }
 
+/// All bits of the pixels from `count` on, in the order of [`log16`].
 #[target_feature(enable = "avx2")]
 #[inline]
-fn lanes_below(count: i32) -> __m256 {
-    let lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
-    _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(count), lanes))
+fn lanes_from(count: i32) -> __m256i {
+    let pixels = _mm256_setr_epi16(0, 1, 2, 3, 8, 9, 10, 11, 4, 5, 6, 7, 12, 13, 14, 15);
+    _mm256_cmpgt_epi16(pixels, _mm256_set1_epi16((count - 1).max(-1) as i16))
 }
 
 #[target_feature(enable = "avx2")]
 #[inline]
-fn fold(lanes: __m256, of: fn(f32, f32) -> f32) -> f32 {
-    let mut values = [0f32; 8];
-    // SAFETY: the array holds eight f32.
-    unsafe { _mm256_storeu_ps(values.as_mut_ptr(), lanes) };
+fn fold(lanes: __m256i, of: fn(u16, u16) -> u16) -> u16 {
+    let mut values = [0u16; 16];
+    // SAFETY: the array holds sixteen u16.
+    unsafe { _mm256_storeu_si256(values.as_mut_ptr().cast(), lanes) };
     values[1..].iter().fold(values[0], |a, &b| of(a, b))
 }
 
@@ -203,7 +188,7 @@ pub unsafe fn tone(linear: [&[f32]; 3], out_xrgb: &mut [u32]) {
         unsafe {
             let rgb = linear
                 .map(|plane| [_mm256_loadu_ps(plane.as_ptr().add(x)), _mm256_loadu_ps(plane.as_ptr().add(x + 8))]);
-            show(rgb, out_xrgb.as_mut_ptr().add(x));
+            show(rgb.map(|pixels| log16(pixels)), out_xrgb.as_mut_ptr().add(x));
         }
     }
 }
@@ -214,8 +199,8 @@ pub unsafe fn tone(linear: [&[f32]; 3], out_xrgb: &mut [u32]) {
 /// AVX2; room for 16 words at `out`.
 #[target_feature(enable = "avx2")]
 #[inline]
-unsafe fn show(rgb: [Pixels; 3], out: *mut u32) {
-    let [r, g, b] = rgb.map(|pixels| codes(pixels));
+unsafe fn show(logs: [__m256i; 3], out: *mut u32) {
+    let [r, g, b] = logs.map(|logs| codes(logs));
     let gb = _mm256_or_si256(_mm256_slli_epi16::<8>(g), b);
     // Unpacking undoes the order that packing left.
     // SAFETY: as the caller promises.
@@ -225,14 +210,19 @@ unsafe fn show(rgb: [Pixels; 3], out: *mut u32) {
     }
 }
 
-/// [`crate::tone::code`] of 16 pixels, in 16-bit lanes, ordered 0..4, 8..12, 4..8, 12..16.
+/// The scalar path's `log16` of 16 pixels, ordered 0..4, 8..12, 4..8, 12..16.
 #[target_feature(enable = "avx2")]
 #[inline]
-fn codes(linear: Pixels) -> __m256i {
-    let log = |v: __m256| {
-        _mm256_sub_epi32(_mm256_srai_epi32::<LOG_SHIFT>(_mm256_castps_si256(v)), _mm256_set1_epi32(LOG_BIAS))
-    };
-    let log = _mm256_packus_epi32(log(linear[0]), log(linear[1]));
+fn log16(linear: Pixels) -> __m256i {
+    let [low, high] = linear
+        .map(|v| _mm256_sub_epi32(_mm256_srai_epi32::<LOG_SHIFT>(_mm256_castps_si256(v)), _mm256_set1_epi32(LOG_BIAS)));
+    _mm256_packus_epi32(low, high)
+}
+
+/// [`crate::tone::code`] of 16 logarithms.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn codes(log: __m256i) -> __m256i {
     let place = _mm256_xor_si256(_mm256_slli_epi16::<4>(log), _mm256_set1_epi16(-0x8000));
     // The octave in the low or the high byte of each lane; a set top bit makes the other byte zero.
     let octave = _mm256_srli_epi16::<12>(log);

@@ -1,5 +1,7 @@
 //! What the kernels work on, and what they give.
 
+use crate::tone;
+
 /// What [`super::Kernel::project`] multiplies: one channel of a tile's V by the weights.
 #[derive(Clone, Copy, Debug)]
 pub struct Projection<'a> {
@@ -56,29 +58,35 @@ pub struct Shown<'a> {
     pub stride: usize,
 }
 
-/// Smallest and largest linear value of a tile's covered pixels, per channel.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Smallest and largest linear value of a tile's covered pixels, per channel, as the tone curve tells them apart: by
+/// their logarithm ([`crate::tone`]), from 2^-16 to 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Extent {
-    /// Smallest, +infinity without pixels.
-    pub smallest: [f32; 3],
-    /// Largest, -infinity without pixels.
-    pub largest: [f32; 3],
+    pub(crate) smallest_log: [u16; 3],
+    pub(crate) largest_log: [u16; 3],
 }
 
 impl Extent {
     /// Of no pixels.
-    pub const EMPTY: Extent = Extent { smallest: [f32::INFINITY; 3], largest: [f32::NEG_INFINITY; 3] };
+    pub const EMPTY: Extent = Extent { smallest_log: [u16::MAX; 3], largest_log: [0; 3] };
 
     /// Takes in a pixel.
-    pub(crate) fn include(&mut self, rgb: [f32; 3]) {
-        for (c, value) in rgb.into_iter().enumerate() {
-            self.smallest[c] = self.smallest[c].min(value);
-            self.largest[c] = self.largest[c].max(value);
+    pub(crate) fn include(&mut self, log16: [u16; 3]) {
+        for (c, log) in log16.into_iter().enumerate() {
+            self.smallest_log[c] = self.smallest_log[c].min(log);
+            self.largest_log[c] = self.largest_log[c].max(log);
         }
     }
 
-    /// Zeros without a sign: processors differ in which of two zeros is the smaller.
-    pub(crate) fn positive_zero(self) -> Self {
-        Extent { smallest: self.smallest.map(|v| v + 0.0), largest: self.largest.map(|v| v + 0.0) }
+    /// Light that no pixel falls below, at most 2^-12 of itself too low; 0 where a pixel has 2^-16 or less, negative
+    /// light among it; just below 1 where all have 1 or more.
+    pub fn smallest(&self) -> [f32; 3] {
+        self.smallest_log.map(|log| if log == 0 { 0.0 } else { tone::log16_start(u32::from(log)) })
+    }
+
+    /// Light that no pixel reaches, at most 2^-12 of itself too high; infinite where a pixel has 1 or more.
+    pub fn largest(&self) -> [f32; 3] {
+        let end = |log: u16| tone::log16_start(u32::from(log) + 1);
+        self.largest_log.map(|log| if log == u16::MAX { f32::INFINITY } else { end(log) })
     }
 }

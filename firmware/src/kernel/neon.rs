@@ -30,78 +30,69 @@ pub unsafe fn project(job: &Projection<'_>, out: &mut [i32]) {
 /// Eight pixels of a channel.
 type Pixels = [float32x4_t; 2];
 /// Sums of eight pixels, per channel.
-type Sums = [[int32x4_t; 2]; 3];
+pub type Sums = [[int32x4_t; 2]; 3];
 
 /// # Safety
 /// Lengths as `Kernel::relight` checks them.
 #[target_feature(enable = "neon")]
 pub unsafe fn relight(job: &Reconstruction<'_>, linear: Linear<'_>, shown: Option<Shown<'_>>) -> Extent {
-    let (out, stride) = shown.map_or((core::ptr::null_mut(), 0), |s| (s.pixels_xrgb.as_mut_ptr(), s.stride));
-    // SAFETY: as the caller promises; planes and `out` are used only where they are written and shown.
-    unsafe {
-        match (linear, out.is_null()) {
-            (Linear::Skip, true) => blocks::<false, false, false>(job, [core::ptr::null_mut(); 3], out, stride),
-            (Linear::Skip, false) => blocks::<false, false, true>(job, [core::ptr::null_mut(); 3], out, stride),
-            (Linear::Write(to), true) => blocks::<true, false, false>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-            (Linear::Write(to), false) => blocks::<true, false, true>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-            (Linear::Add(to), true) => blocks::<true, true, false>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-            (Linear::Add(to), false) => blocks::<true, true, true>(job, to.map(<[f32]>::as_mut_ptr), out, stride),
-        }
-    }
+    // SAFETY: as the caller promises.
+    unsafe { relight_by(job, linear, shown, |x| sums(job, x)) }
 }
 
+/// The same with the integer sums of the eight pixels from a pixel on given by `sums`.
+///
 /// # Safety
-/// `planes` hold `job.pixels` values where written, `out` the rows of 16 where shown.
+/// Lengths as `Kernel::relight` checks them.
 #[target_feature(enable = "neon")]
-unsafe fn blocks<const WRITE: bool, const ADD: bool, const SHOW: bool>(
+#[inline]
+pub unsafe fn relight_by(
     job: &Reconstruction<'_>,
-    planes: [*mut f32; 3],
-    out: *mut u32,
-    stride: usize,
+    linear: Linear<'_>,
+    shown: Option<Shown<'_>>,
+    sums: impl Fn(usize) -> Sums,
 ) -> Extent {
-    let mut smallest = [vdupq_n_f32(f32::INFINITY); 3];
-    let mut largest = [vdupq_n_f32(f32::NEG_INFINITY); 3];
+    let (out, stride) = shown.map_or((core::ptr::null_mut(), 0), |s| (s.pixels_xrgb.as_mut_ptr(), s.stride));
+    let adds = matches!(linear, Linear::Add(_));
+    let planes = match linear {
+        Linear::Skip => None,
+        Linear::Write(planes) | Linear::Add(planes) => Some(planes.map(<[f32]>::as_mut_ptr)),
+    };
+    let mut smallest = [vdupq_n_u16(u16::MAX); 3];
+    let mut largest = [vdupq_n_u16(0); 3];
     for x in (0..job.pixels).step_by(16) {
         let mut logs = [[vdupq_n_u16(0); 2]; 3];
         for half in 0..2 {
             let x = x + 8 * half;
-            // SAFETY: x + 8 <= job.pixels.
-            let sums = unsafe { sums(job, x) };
+            let sums = sums(x);
+            let others = lanes_from(job.covered.saturating_sub(x));
             for c in 0..3 {
                 // SAFETY: x + 8 <= job.pixels.
                 let mut value = unsafe { values(job, x, c, sums[c]) };
                 for quarter in 0..2 {
                     let (value, x) = (&mut value[quarter], x + 4 * quarter);
-                    if WRITE {
+                    if let Some(planes) = planes {
                         // SAFETY: the planes hold job.pixels values.
                         unsafe {
-                            if ADD {
+                            if adds {
                                 *value = vaddq_f32(vld1q_f32(planes[c].add(x)), *value);
                             }
                             vst1q_f32(planes[c].add(x), *value);
                         }
                     }
-                    let (mut low, mut high) = (*value, *value);
-                    if x + 4 > job.covered {
-                        let counts = lanes_below(job.covered as i32 - x as i32);
-                        low = vbslq_f32(counts, low, vdupq_n_f32(f32::INFINITY));
-                        high = vbslq_f32(counts, high, vdupq_n_f32(f32::NEG_INFINITY));
-                    }
-                    smallest[c] = vminq_f32(smallest[c], low);
-                    largest[c] = vmaxq_f32(largest[c], high);
                 }
-                if SHOW {
-                    logs[c][half] = log16(value);
-                }
+                let log = log16(value);
+                logs[c][half] = log;
+                smallest[c] = vminq_u16(smallest[c], vmaxq_u16(log, others));
+                largest[c] = vmaxq_u16(largest[c], vqsubq_u16(log, others));
             }
         }
-        if SHOW {
+        if !out.is_null() {
             // SAFETY: block x/16 begins `stride` words after the one before, and holds 16.
             unsafe { show(logs, out.add(x / 16 * stride)) };
         }
     }
-    let extent = Extent { smallest: smallest.map(|v| vminvq_f32(v)), largest: largest.map(|v| vmaxvq_f32(v)) };
-    extent.positive_zero()
+    Extent { smallest_log: smallest.map(|v| vminvq_u16(v)), largest_log: largest.map(|v| vmaxvq_u16(v)) }
 }
 
 /// Integer sums of the eight pixels from `x` on. Even and odd ranks stay in lanes of their own until the end.
@@ -111,22 +102,30 @@ unsafe fn blocks<const WRITE: bool, const ADD: bool, const SHOW: bool>(
 #[target_feature(enable = "neon")]
 #[inline]
 unsafe fn sums(job: &Reconstruction<'_>, x: usize) -> Sums {
-    let mut sums = [[vdupq_n_s32(0); 4]; 3];
-    for j in 0..job.pairs[0].len() {
-        // SAFETY: (j * n + x) * 2 + 16 <= pairs * n * 2 <= u.len(); the three slices of pairs have the same length.
-        unsafe {
-            let u = vld1q_s8(job.u.as_ptr().add((j * job.pixels + x) * 2).cast());
-            let (low, high) = (vmovl_s8(vget_low_s8(u)), vmovl_high_s8(u));
-            for (sums, pairs) in sums.iter_mut().zip(&job.pairs) {
-                let pair = vreinterpretq_s16_s32(vld1q_dup_s32(pairs.as_ptr().add(j)));
-                sums[0] = vmlal_s16(sums[0], vget_low_s16(low), vget_low_s16(pair));
-                sums[1] = vmlal_high_s16(sums[1], low, pair);
-                sums[2] = vmlal_s16(sums[2], vget_low_s16(high), vget_low_s16(pair));
-                sums[3] = vmlal_high_s16(sums[3], high, pair);
+    let count = job.pairs[0].len();
+    if count == 0 {
+        return [[vdupq_n_s32(0); 2]; 3];
+    }
+    // SAFETY: (j * n + x) * 2 + 16 <= pairs * n * 2 <= u.len() for j < pairs, and the three slices of pairs have the
+    // same length.
+    let load = |j: usize| unsafe {
+        let u = vld1q_s8(job.u.as_ptr().add((j * job.pixels + x) * 2).cast());
+        ([vmovl_s8(vget_low_s8(u)), vmovl_high_s8(u)], job.pairs.map(|pairs| all_lanes(pairs.as_ptr().add(j))))
+    };
+    let (u, pairs) = load(0);
+    let first =
+        |u: int16x8_t, pair: int16x8_t| [vmull_s16(vget_low_s16(u), vget_low_s16(pair)), vmull_high_s16(u, pair)];
+    let mut sums = pairs.map(|pair| [first(u[0], pair), first(u[1], pair)]);
+    for j in 1..count {
+        let (u, pairs) = load(j);
+        for (sums, pair) in sums.iter_mut().zip(pairs) {
+            for (sums, u) in sums.iter_mut().zip(u) {
+                sums[0] = vmlal_s16(sums[0], vget_low_s16(u), vget_low_s16(pair));
+                sums[1] = vmlal_high_s16(sums[1], u, pair);
             }
         }
     }
-    sums.map(|sums| [vpaddq_s32(sums[0], sums[1]), vpaddq_s32(sums[2], sums[3])])
+    sums.map(|sums| sums.map(|[low, high]| vpaddq_s32(low, high)))
 }
 
 /// Eight pixels of channel `c` from `x` on, by the scalar path's `value`; no fused multiply-add, which rounds once less.
@@ -155,12 +154,33 @@ fn floats(values: uint16x8_t) -> Pixels {
     [vcvtq_f32_u32(vmovl_u16(vget_low_u16(values))), vcvtq_f32_u32(vmovl_high_u16(values))]
 }
 
+/// All bits of the lanes from `count` on.
 #[target_feature(enable = "neon")]
 #[inline]
-fn lanes_below(count: i32) -> uint32x4_t {
-    const LANES: [i32; 4] = [0, 1, 2, 3];
-    // SAFETY: four i32.
-    vcgtq_s32(vdupq_n_s32(count), unsafe { vld1q_s32(LANES.as_ptr()) })
+fn lanes_from(count: usize) -> uint16x8_t {
+    const LANES: [u16; 8] = [0, 1, 2, 3, 4, 5, 6, 7];
+    // SAFETY: eight u16.
+    vcgeq_u16(unsafe { vld1q_u16(LANES.as_ptr()) }, vdupq_n_u16(count as u16))
+}
+
+/// One pair in all lanes. Assembly, because the compiler must not see that all lanes are alike: it would then take the
+/// other factor's upper half out by an instruction of its own, where `smlal2` needs none.
+///
+/// # Safety
+/// An i32 at `pair`.
+#[target_feature(enable = "neon")]
+#[inline]
+unsafe fn all_lanes(pair: *const i32) -> int16x8_t {
+    let lanes;
+    // SAFETY: reads one i32, which the caller vouches for.
+    unsafe {
+        core::arch::asm!(
+            "ld1r {{ {lanes:v}.4s }}, [{pair}]",
+            lanes = lateout(vreg) lanes, pair = in(reg) pair,
+            options(pure, readonly, nostack, preserves_flags)
+        );
+    }
+    lanes
 }
 
 /// # Safety
@@ -217,23 +237,28 @@ fn codes(logs: [uint16x8_t; 2]) -> uint8x16_t {
         // SAFETY: the table holds 16 bytes.
         vqtbl1q_u8(unsafe { vld1q_u8(which.as_ptr()) }, octave)
     };
-    let wide = |low: &[u8; 16], high: &[u8; 16]| {
-        let (low, high) = (bytes(low), bytes(high));
-        [vreinterpretq_s16_u8(vzip1q_u8(low, high)), vreinterpretq_s16_u8(vzip2q_u8(low, high))]
-    };
     let c3 = bytes(const { &coefficient_bytes(3, 0) });
     let h2 = bytes(const { &coefficient_bytes(2, 0) });
+    let c1 = [bytes(const { &coefficient_bytes(1, 0) }), bytes(const { &coefficient_bytes(1, 1) })];
+    let c0 = [bytes(const { &coefficient_bytes(0, 0) }), bytes(const { &coefficient_bytes(0, 1) })];
     let c3 = [vmovl_u8(vget_low_u8(c3)), vmovl_high_u8(c3)];
     let c2 = [vshll_n_u8::<1>(vget_low_u8(h2)), vshll_high_n_u8::<1>(h2)];
-    let c1 = wide(const { &coefficient_bytes(1, 0) }, const { &coefficient_bytes(1, 1) });
-    let c0 = wide(const { &coefficient_bytes(0, 0) }, const { &coefficient_bytes(0, 1) });
+    // Widening as they add costs less than putting low and high bytes together.
+    let add = |half: usize, to: int16x8_t, [low, high]: [uint8x16_t; 2]| {
+        let to = vreinterpretq_u16_s16(to);
+        vreinterpretq_s16_u16(if half == 0 {
+            vaddq_u16(vaddw_u8(to, vget_low_u8(low)), vshll_n_u8::<8>(vget_low_u8(high)))
+        } else {
+            vaddq_u16(vaddw_high_u8(to, low), vshll_high_n_u8::<8>(high))
+        })
+    };
     let q7 = |half: usize| {
         let place = veorq_u16(vshlq_n_u16::<4>(logs[half]), vdupq_n_u16(0x8000));
         let place = vreinterpretq_s16_u16(place);
         let inner = vqrdmulhq_s16(vreinterpretq_s16_u16(c3[half]), place);
         let inner = vsubq_s16(inner, vreinterpretq_s16_u16(c2[half]));
-        let middle = vaddq_s16(c1[half], vqrdmulhq_s16(inner, place));
-        vreinterpretq_u16_s16(vaddq_s16(c0[half], vqrdmulhq_s16(middle, place)))
+        let middle = add(half, vqrdmulhq_s16(inner, place), c1);
+        vreinterpretq_u16_s16(add(half, vqrdmulhq_s16(middle, place), c0))
     };
     vshrn_high_n_u16::<CODE_SHIFT>(vshrn_n_u16::<CODE_SHIFT>(q7(0)), q7(1))
 }

@@ -33,13 +33,13 @@ pub fn relight(job: &Reconstruction<'_>, mut linear: Linear<'_>, mut shown: Opti
             }),
         }
         if x < job.covered {
-            extent.include(rgb);
+            extent.include(rgb.map(tone::log16));
         }
         if let Some(shown) = &mut shown {
             shown.pixels_xrgb[x / TILE_PX * shown.stride + x % TILE_PX] = xrgb(rgb.map(tone::code));
         }
     }
-    extent.positive_zero()
+    extent
 }
 
 /// `(sum * row) * unit + response * weight`, each operation rounded by itself.
