@@ -246,6 +246,7 @@ fn assemble(
         share_of_read_bandwidth: timing.map_or(0.0, |timing| timing.share_of_read_bandwidth),
         read_bandwidth_one_thread_bytes_per_s: scale.bandwidth.one_thread_bytes_per_s,
         read_bandwidth_two_threads_bytes_per_s: scale.bandwidth.two_threads_bytes_per_s,
+        read_bandwidth_buffer_bytes: scale.bandwidth.buffer_bytes,
         sun_trace_cpu_ms: None,
         methods,
         in_cache,

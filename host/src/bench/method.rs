@@ -176,7 +176,7 @@ pub(crate) mod tests {
     use crate::bench::error::srgb_code;
 
     /// The plainest method there is: the f64 sum, pixel by pixel.
-    pub(in crate::bench) struct Naive {
+    pub(crate) struct Naive {
         /// `[channel][pixel][patch]`.
         pub(crate) response: [Vec<Vec<f32>>; 3],
         /// Added to every value, to make an error of known size.

@@ -25,6 +25,8 @@ pub struct BenchReport {
     pub read_bandwidth_one_thread_bytes_per_s: f64,
     /// What two threads read from memory per second.
     pub read_bandwidth_two_threads_bytes_per_s: f64,
+    /// Size of the buffer over which that was measured.
+    pub read_bandwidth_buffer_bytes: usize,
     /// Tracing the sun after it has moved, which no frame's time includes; `None` without a sun.
     pub sun_trace_cpu_ms: Option<f64>,
     /// One entry per method and budget: its errors, and its time on one thread in cache.

@@ -18,7 +18,7 @@ impl Sample {
     /// At most `most` of the covered pixels (all, if they are no more), in whole stretches as far as possible.
     pub fn of(covered: &[u32], most: usize) -> Self {
         let every = covered.len().div_ceil(most.max(1)).max(1);
-        let chosen = |index: &usize| index / STRETCH % every == 0;
+        let chosen = |index: &usize| (index / STRETCH).is_multiple_of(every);
         let mut indices: Vec<u32> = (0..covered.len()).filter(chosen).map(|index| index as u32).collect();
         indices.truncate(most.max(1));
         let places: Vec<u32> = indices.iter().map(|&index| covered[index as usize]).collect();

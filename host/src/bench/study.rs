@@ -73,7 +73,7 @@ fn timing(method: &dyn Method, threads: usize, times: &Times, scale: Scale) -> T
 
 #[cfg(test)]
 mod tests {
-    use super::super::method::made_up;
+    use super::super::method::tests::{Naive, made_up};
     use super::*;
 
     #[test]
@@ -84,7 +84,7 @@ mod tests {
             redraw_cpu_s: vec![0.0005],
             has_sun: vec![false, true, true],
         };
-        struct Reads(super::super::method::Naive);
+        struct Reads(Naive);
         impl Method for Reads {
             fn name(&self) -> &'static str {
                 "reads"

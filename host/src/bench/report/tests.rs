@@ -58,6 +58,7 @@ pub(in crate::bench) fn report() -> BenchReport {
         share_of_read_bandwidth: 0.75,
         read_bandwidth_one_thread_bytes_per_s: 1e10,
         read_bandwidth_two_threads_bytes_per_s: 2e10,
+        read_bandwidth_buffer_bytes: 1 << 30,
         sun_trace_cpu_ms: None,
         methods: vec![method(DENSE_NAME, 42.0, 1e-7), method(RELUME_NAME, 0.5, 0.0025)],
         in_cache,
