@@ -63,7 +63,7 @@ pub fn run(
     anyhow::ensure!(ground.cache_bytes > 0, "the size of the last-level cache is not known; give it with --cache");
     let wanted = TIMES_CACHE * ground.cache_bytes;
     let count = wanted.div_ceil(FieldCopies::bytes_each(&ground.field).max(1));
-    let largest = rivals.iter().map(|rival| rival.bytes_read(true)).max().unwrap_or(0);
+    let largest = rivals.iter().flat_map(|rival| skies.iter().map(|sky| rival.bytes_read(sky))).max().unwrap_or(0);
     let arena_bytes = wanted + largest;
     let mib = |bytes: usize| bytes >> 20;
     if let Some(available) = available_memory() {

@@ -6,15 +6,24 @@ use crate::plot::{Axis, Chart, Series};
 /// CPU time per frame (one thread, in cache) against the worst relative RMSE under the sky's light alone, both logarithmic,
 /// each method a line over its budgets; Relume's with the sun up as well. `None` if no error was measured.
 pub fn figure(report: &BenchReport) -> Option<Chart> {
-    let point = |m: &MethodReport, rmse: Option<f64>| rmse.map(|rmse| (m.cpu_ms_per_frame, 100.0 * rmse));
-    let sky_alone = |m: &MethodReport| point(m, m.rmse_worst_without_sun.or(m.rmse_worst));
+    let timing = |m: &MethodReport| report.in_cache.timing(&m.name, m.budget.as_deref(), 1);
+    let point = |ms: Option<f64>, m: &MethodReport, rmse: Option<f64>| {
+        rmse.map(|rmse| (ms.unwrap_or(m.cpu_ms_per_frame), 100.0 * rmse))
+    };
+    let sky_alone = |m: &MethodReport| {
+        let ms = timing(m).and_then(|timing| timing.cpu_ms_per_frame_without_sun);
+        point(ms, m, m.rmse_worst_without_sun.or(m.rmse_worst))
+    };
+    let sun_up = |m: &MethodReport| {
+        point(timing(m).and_then(|timing| timing.cpu_ms_per_frame_with_sun), m, m.rmse_worst_with_sun)
+    };
     let of = |name: &str| report.methods.iter().filter(move |m| m.name == name).collect::<Vec<_>>();
     let mut names: Vec<&str> = report.methods.iter().map(|m| m.name.as_str()).collect();
     names.sort_by_key(|name| *name != RELUME_NAME);
     names.dedup();
     let mut all: Vec<(String, Vec<(f64, f64)>)> =
         names.iter().map(|name| ((*name).to_owned(), of(name).into_iter().filter_map(sky_alone).collect())).collect();
-    let sunny = of(RELUME_NAME).into_iter().filter_map(|m| point(m, m.rmse_worst_with_sun)).collect();
+    let sunny = of(RELUME_NAME).into_iter().filter_map(sun_up).collect();
     all.push((format!("{RELUME_NAME}, sun up"), sunny));
     all.retain(|(_, points)| !points.is_empty());
     let (x, y) = (Axis::log("CPU ms per frame"), Axis::log("relative RMSE, worst sky, %"));

@@ -50,8 +50,8 @@ pub trait Method {
     }
     /// Works on so many threads from now on.
     fn set_threads(&mut self, _threads: usize) {}
-    /// Bytes that a full frame of its own pixels reads, with or without a sun.
-    fn bytes_read(&self, _sun: bool) -> usize {
+    /// Bytes that a full frame of its own pixels reads under a sky.
+    fn bytes_read(&self, _sky: &BenchSky) -> usize {
         0
     }
     /// Untimed frames before the timed ones.

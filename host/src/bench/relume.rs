@@ -111,8 +111,9 @@ impl Method for Relume<'_> {
         self.shared.borrow_mut().set_threads(threads);
     }
 
-    fn bytes_read(&self, sun: bool) -> usize {
-        facts::bytes_read(&self.shared.borrow().fields[0], self.budget.max_rank(), sun)
+    fn bytes_read(&self, sky: &BenchSky) -> usize {
+        let field = self.shared.borrow().fields[0];
+        facts::bytes_read(&field, self.budget.max_rank(), sky.has_sun()) + facts::way_back_bytes(&field, sky)
     }
 
     fn warm_up(&mut self, skies: &[BenchSky]) -> anyhow::Result<()> {

@@ -22,9 +22,9 @@ pub struct BenchReport {
     /// Bytes of the field read per second of CPU time, as a share of this run's read bandwidth; one thread, in cache.
     pub share_of_read_bandwidth: f64,
     /// What one thread reads from memory per second of CPU time.
-    pub read_bandwidth_one_thread_bytes_per_s: f64,
-    /// What two threads read from memory per second.
-    pub read_bandwidth_two_threads_bytes_per_s: f64,
+    pub read_bandwidth_one_thread_bytes_per_cpu_s: f64,
+    /// What two threads at once read per second of the CPU time of both.
+    pub read_bandwidth_two_threads_bytes_per_cpu_s: f64,
     /// Size of the buffer over which that was measured.
     pub read_bandwidth_buffer_bytes: usize,
     /// Tracing the sun after it has moved, which no frame's time includes; `None` without a sun.
@@ -118,7 +118,7 @@ pub struct Timing {
     pub wall_ms_per_frame: f64,
     /// Bytes that a frame reads per covered pixel, mean of the frames.
     pub bytes_read_per_covered_pixel: f64,
-    /// Those bytes per second as a share of this run's read bandwidth: of CPU time on one thread, of wall-clock time on two.
+    /// Those bytes per second of CPU time as a share of what as many threads read in this run.
     pub share_of_read_bandwidth: f64,
     /// The dense sum's CPU time on as many threads / this one's; `None` where OpenBLAS is missing.
     pub times_faster_than_dense_f32_openblas: Option<f64>,

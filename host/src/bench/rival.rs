@@ -141,8 +141,8 @@ impl<S: Summation> Method for Rival<S> {
         self.threads = threads.clamp(1, self.scratch.len());
     }
 
-    fn bytes_read(&self, sun: bool) -> usize {
-        self.sum.bytes_read(sun)
+    fn bytes_read(&self, sky: &BenchSky) -> usize {
+        self.sum.bytes_read(sky.has_sun())
     }
 
     fn frame(&mut self, sky: &BenchSky) -> anyhow::Result<()> {

@@ -32,14 +32,15 @@ pub fn fill(
     for threads in THREADS {
         methods.iter_mut().for_each(|method| method.set_threads(threads));
         let times = time(methods, skies, rounds, turn)?;
-        let timings = methods.iter().zip(&times).map(|(method, times)| timing(method.as_ref(), threads, times, scale));
+        let timings =
+            methods.iter().zip(&times).map(|(method, times)| timing(method.as_ref(), threads, times, skies, scale));
         section.timings.extend(timings);
     }
     section.compare_with_dense();
     Ok(())
 }
 
-fn timing(method: &dyn Method, threads: usize, times: &Times, scale: Scale) -> Timing {
+fn timing(method: &dyn Method, threads: usize, times: &Times, skies: &[BenchSky], scale: Scale) -> Timing {
     let (cpu_s, wall_s) = (median(&times.cpu_s), median(&times.wall_s));
     let only = |sun: bool| {
         let chosen = times.cpu_s.iter().zip(&times.has_sun).filter(|(_, has_sun)| **has_sun == sun);
@@ -47,12 +48,11 @@ fn timing(method: &dyn Method, threads: usize, times: &Times, scale: Scale) -> T
         (!chosen.is_empty()).then(|| 1e3 * median(&chosen))
     };
     let sampled = method.sample().map_or(1.0, |sample| sample.scale);
-    let bytes = |sun: bool| method.bytes_read(sun) as f64 * sampled;
-    let sunny = times.has_sun.iter().filter(|has_sun| **has_sun).count() as f64 / times.has_sun.len().max(1) as f64;
-    let read = sunny * bytes(true) + (1.0 - sunny) * bytes(false);
-    let share = match threads {
-        1 => read / cpu_s / scale.bandwidth.one_thread_bytes_per_s,
-        _ => read / wall_s / scale.bandwidth.two_threads_bytes_per_s,
+    let bytes: usize = skies.iter().map(|sky| method.bytes_read(sky)).sum();
+    let read = bytes as f64 / skies.len().max(1) as f64 * sampled;
+    let bandwidth = match threads {
+        1 => scale.bandwidth.one_thread_bytes_per_cpu_s,
+        _ => scale.bandwidth.two_threads_bytes_per_cpu_s,
     };
     Timing {
         name: method.name().to_owned(),
@@ -65,7 +65,7 @@ fn timing(method: &dyn Method, threads: usize, times: &Times, scale: Scale) -> T
             .then(|| 1e3 * median(&times.redraw_cpu_s)),
         wall_ms_per_frame: 1e3 * wall_s,
         bytes_read_per_covered_pixel: read / scale.covered_px as f64,
-        share_of_read_bandwidth: share,
+        share_of_read_bandwidth: read / cpu_s / bandwidth,
         times_faster_than_dense_f32_openblas: None,
         times_faster_than_dense_f32_openblas_coefficients_reused: None,
     }
@@ -73,8 +73,9 @@ fn timing(method: &dyn Method, threads: usize, times: &Times, scale: Scale) -> T
 
 #[cfg(test)]
 mod tests {
-    use super::super::method::tests::{Naive, made_up};
+    use super::super::method::tests::{Naive, made_up, sky};
     use super::*;
+    use crate::weights::SunWeight;
 
     #[test]
     fn medians_and_shares_by_hand() {
@@ -92,8 +93,8 @@ mod tests {
             fn budget(&self) -> Option<String> {
                 self.0.budget()
             }
-            fn bytes_read(&self, sun: bool) -> usize {
-                if sun { 4000 } else { 1000 }
+            fn bytes_read(&self, sky: &BenchSky) -> usize {
+                if sky.has_sun() { 4000 } else { 1000 }
             }
             fn frame(&mut self, sky: &BenchSky) -> anyhow::Result<()> {
                 self.0.frame(sky)
@@ -102,15 +103,19 @@ mod tests {
                 self.0.show(sky)
             }
         }
-        let bandwidth = Bandwidth { one_thread_bytes_per_s: 6e6, two_threads_bytes_per_s: 12e6, buffer_bytes: 1 };
+        let bandwidth =
+            Bandwidth { one_thread_bytes_per_cpu_s: 6e6, two_threads_bytes_per_cpu_s: 12e6, buffer_bytes: 1 };
         let scale = Scale { covered_px: 100, bandwidth };
         let reads = Reads(made_up(1, 16));
-        let one = timing(&reads, 1, &times, scale);
+        let (without, mut with) = (sky("without", 16, &reads.0), sky("with", 16, &reads.0));
+        with.weights.sun = Some(SunWeight { dir_world: [0.0, 1.0, 0.0], irradiance: [1.0; 3] });
+        let skies = [without, with.clone(), with];
+        let one = timing(&reads, 1, &times, &skies, scale);
         assert_eq!((one.cpu_ms_per_frame, one.wall_ms_per_frame), (2.0, 2.0));
         assert_eq!((one.cpu_ms_per_frame_with_sun, one.cpu_ms_per_frame_without_sun), (Some(3.0), Some(1.0)));
         assert_eq!(one.cpu_ms_per_frame_coefficients_reused, Some(0.5));
         assert!((one.bytes_read_per_covered_pixel - 30.0).abs() < 1e-9);
         assert!((one.share_of_read_bandwidth - 0.25).abs() < 1e-9);
-        assert!((timing(&reads, 2, &times, scale).share_of_read_bandwidth - 0.125).abs() < 1e-9);
+        assert!((timing(&reads, 2, &times, &skies, scale).share_of_read_bandwidth - 0.125).abs() < 1e-9);
     }
 }

@@ -26,7 +26,7 @@ the sky. Without OpenBLAS (apt: libopenblas0-pthread) only the int8 sum is left.
     bytes_per_covered_pixel          of the field, read for a full frame with the sun's layer
     bytes_stored_per_covered_pixel   of the whole file
     share_of_read_bandwidth          of this run's, at the last budget
-    read_bandwidth_{one_thread,two_threads}_bytes_per_s, read_bandwidth_buffer_bytes
+    read_bandwidth_{one_thread,two_threads}_bytes_per_cpu_s, read_bandwidth_buffer_bytes
     sun_trace_cpu_ms                 once whenever the sun has moved; in no frame's time
     methods[]                        name, budget, cpu_ms_per_frame (one thread, in cache), rmse_{median,worst},
                                      rmse_worst_{with,without}_sun, worst_code, share_off_by_more_than_one,

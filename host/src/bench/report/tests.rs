@@ -56,8 +56,8 @@ pub(in crate::bench) fn report() -> BenchReport {
         bytes_per_covered_pixel: 24.0,
         bytes_stored_per_covered_pixel: 31.5,
         share_of_read_bandwidth: 0.75,
-        read_bandwidth_one_thread_bytes_per_s: 1e10,
-        read_bandwidth_two_threads_bytes_per_s: 2e10,
+        read_bandwidth_one_thread_bytes_per_cpu_s: 1e10,
+        read_bandwidth_two_threads_bytes_per_cpu_s: 2e10,
         read_bandwidth_buffer_bytes: 1 << 30,
         sun_trace_cpu_ms: None,
         methods: vec![method(DENSE_NAME, 42.0, 1e-7), method(RELUME_NAME, 0.5, 0.0025)],
@@ -97,7 +97,7 @@ fn json_keeps_the_first_keys() {
 #[test]
 fn every_number_names_its_unit() {
     fn walk(key: &str, value: &serde_json::Value) {
-        const UNITS: [&str; 6] = ["_ms", "_px", "bytes", "_bytes_per_s", "per_covered_pixel", "_ms_per_frame"];
+        const UNITS: [&str; 6] = ["_ms", "_px", "bytes", "_bytes_per_cpu_s", "per_covered_pixel", "_ms_per_frame"];
         const PLAIN: [&str; 10] = [
             "rmse_",
             "rmse",
