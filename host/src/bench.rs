@@ -85,16 +85,9 @@ pub fn run(options: &Options) -> anyhow::Result<BenchReport> {
     anyhow::ensure!(!covered.is_empty(), "{}: no pixel is covered; bake another view", options.field.display());
     let stack = options.stack.as_deref().map(Stack::open).transpose()?;
     stack.as_ref().map_or(Ok(()), |stack| stack.check_field(&field))?;
-    let stack_sun = stack.as_ref().and_then(Stack::sun_dir_world);
-    let mut skies = skies::load_skies(&options.skies, &field, stack_sun)?;
-    if stack.is_some() {
-        skies::leave_out_foreign_suns(&mut skies, stack_sun).iter().for_each(|note| remark(note));
-    } else {
-        skies::gather_suns(&mut skies);
-    }
-    let patches = field.patch_set().len();
-    let has_sun = stack.is_none() || stack_sun.is_some();
-    let (mut rivals, note) = Rivals::new(&covered, field.width() * field.height(), patches, has_sun)?;
+    let mut skies = skies_of(options, &field, stack.as_ref())?;
+    let has_sun = stack.as_ref().is_none_or(|stack| stack.sun_dir_world().is_some());
+    let (mut rivals, note) = Rivals::new(&covered, field.width() * field.height(), field.patch_set().len(), has_sun)?;
     remark(&note);
     let own = Rc::new(RefCell::new(relume::Relighters::new(vec![field]).context("no field")?));
     let own_at = |budget| relume::Relume::new(Rc::clone(&own), covered.as_slice().into(), budget);
@@ -105,28 +98,50 @@ pub fn run(options: &Options) -> anyhow::Result<BenchReport> {
     let pool = rival::pool(study::THREADS.into_iter().max().unwrap_or(1))?;
     let (rivals, notes) = rivals.into_methods(field.patch_set(), &pool, stack.is_some());
     notes.iter().for_each(|note| remark(note));
-    let mut methods: Vec<Box<dyn Method + '_>> = rivals.into_iter().map(|rival| rival as Box<dyn Method>).collect();
-    let rival_count = methods.len();
-    methods.extend(Budget::ALL.map(|budget| Box::new(own_at(budget)) as Box<dyn Method>));
-    let errors = measure_errors(&mut methods, &skies)?;
-
+    let own = Budget::ALL.map(|budget| Box::new(own_at(budget)) as Box<dyn Method>);
     let cache_bytes = options.last_level_cache_bytes.or_else(cache::last_level_bytes).unwrap_or(0);
     let scale = study::Scale { covered_px: covered.len(), bandwidth: bandwidth::read_bandwidth(cache_bytes)? };
-    let rounds = FRAMES.next_multiple_of(skies.len());
-    let mut in_cache = beyond::section(&field, 1, 0, cache_bytes);
-    study::fill(&mut in_cache, &mut methods, &skies, (rounds, method::Turn::FrameAfterFrame), scale)?;
-    let sun_trace_s = skies.iter().find(|sky| sky.has_sun()).map(|sky| relume::sun_trace_s(field, sky)).transpose()?;
-    let mut report = assemble(&field, &skies, errors, in_cache, scale);
+    let ground = beyond::Ground { path: &options.field, field, cache_bytes, covered: &covered, scale };
+    both_conditions(&ground, rivals, own.into(), &skies, options.in_cache_only)
+}
+
+/// Errors, times in cache, then times beyond it.
+fn both_conditions<'a>(
+    ground: &beyond::Ground<'a>,
+    rivals: Vec<Box<dyn Method>>,
+    own: Vec<Box<dyn Method + 'a>>,
+    skies: &[BenchSky],
+    in_cache_only: bool,
+) -> anyhow::Result<BenchReport> {
+    let rival_count = rivals.len();
+    let mut methods: Vec<Box<dyn Method + 'a>> = rivals.into_iter().map(|rival| rival as Box<dyn Method>).collect();
+    methods.extend(own);
+    let errors = measure_errors(&mut methods, skies)?;
+    let mut in_cache = beyond::section(&ground.field, 1, 0, ground.cache_bytes);
+    let turns = (FRAMES.next_multiple_of(skies.len()), method::Turn::FrameAfterFrame);
+    study::fill(&mut in_cache, &mut methods, skies, turns, ground.scale)?;
+    let sunny = skies.iter().find(|sky| sky.has_sun());
+    let sun_trace_s = sunny.map(|sky| relume::sun_trace_s(ground.field, sky)).transpose()?;
+    let mut report = assemble(&ground.field, skies, errors, in_cache, ground.scale);
     report.sun_trace_cpu_ms = sun_trace_s.map(|seconds| 1e3 * seconds);
-    if !options.in_cache_only {
+    if !in_cache_only {
         methods.truncate(rival_count);
-        let ground = beyond::Ground { path: &options.field, field, cache_bytes, covered: &covered, scale };
-        match beyond::run(&ground, methods, &skies, sun_trace_s.unwrap_or(0.0)) {
+        match beyond::run(ground, methods, skies, sun_trace_s.unwrap_or(0.0)) {
             Ok(section) => report.beyond_cache = Some(section),
             Err(error) => remark(&format!("the run beyond the caches is left out: {error:#}")),
         }
     }
     Ok(report)
+}
+
+fn skies_of(options: &Options, field: &Field<'_>, stack: Option<&Stack>) -> anyhow::Result<Vec<BenchSky>> {
+    let stack_sun = stack.and_then(Stack::sun_dir_world);
+    let mut skies = skies::load_skies(&options.skies, field, stack_sun)?;
+    match stack {
+        Some(_) => skies::leave_out_foreign_suns(&mut skies, stack_sun).iter().for_each(|note| remark(note)),
+        None => skies::gather_suns(&mut skies),
+    }
+    Ok(skies)
 }
 
 fn remark(line: &str) {
