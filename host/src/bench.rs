@@ -1,39 +1,60 @@
-//! `relume bench`: time per frame against error on this machine, beside a dense f32 sum by OpenBLAS in the same run.
+//! `relume bench`: time per frame against error on this machine, beside other ways to the same picture in the same run.
 //!
-//! All methods turn the same weights into 8-bit sRGB codes of the same covered pixels, one thread, taking turns frame by
-//! frame under changing skies; the medians of their CPU times are compared. Nothing is kept from the frame before, except
-//! the sun's visibility while the sun stands still. Reading files is not counted.
+//! All methods turn the same weights into 8-bit sRGB codes of the same covered pixels, taking turns frame by frame under
+//! changing skies; the medians of their CPU times are compared, on one thread and on two. Nothing is kept from the frame
+//! before, except the sun's visibility while the sun stands still. Reading files is not counted. The rivals:
+//!
+//! - the dense f32 sum of the paper by OpenBLAS, and the same in int8 rows;
+//! - global principal components, 16, 32 and 64 per channel, by OpenBLAS;
+//! - 8 to 64 lights chosen live from the sky by median cut, the sum of their images by OpenBLAS.
+//!
+//! Two conditions: the same field frame after frame, and copies of it in turn that hold four times the last-level cache,
+//! while the rivals' frames wander through as much memory.
 
+mod arena;
 mod bandwidth;
+mod beyond;
+mod budget;
+mod cache;
 mod clock;
+mod columns;
+mod copies;
 mod dense;
 mod error;
 mod facts;
 mod figure;
-mod matrix;
+mod int8;
+mod lights;
 mod method;
 mod openblas;
+mod pca;
 mod relume;
 mod report;
+mod rival;
+mod rivals;
+mod sample;
 mod skies;
+mod study;
 mod sums;
 
+pub use budget::Budget;
 pub use error::{Errors, Summary, compare, exposure_for, srgb_code, summarise};
 pub use figure::figure;
 pub use openblas::LIBRARY_VARIABLE;
-pub use report::{BenchReport, DENSE_NAME, MethodReport, RELUME_NAME};
+pub use report::{BenchReport, DENSE_NAME, MethodReport, RELUME_NAME, Section, SkyErrors, Timing};
+pub use skies::SkyMap;
 
+use std::cell::RefCell;
 use std::path::PathBuf;
+use std::rc::Rc;
 
 use crate::exact::Stack;
+use crate::relight::FieldFile;
 use anyhow::Context;
-use dense::Dense;
 use method::{BenchSky, Method};
-use openblas::Blas;
 use relume_firmware::field::Field;
 use relume_firmware::tile::MAX_RANK;
-
-use crate::relight::FieldFile;
+use rivals::Rivals;
 
 /// What to compare.
 #[derive(Clone, Debug, Default)]
@@ -42,11 +63,15 @@ pub struct Options {
     pub field: PathBuf,
     /// The stack it was baked with; without it only times are measured.
     pub stack: Option<PathBuf>,
-    /// Radiance maps to light it with; two simulated skies are always added.
-    pub skies: Vec<PathBuf>,
+    /// Radiance maps to light it with; nine simulated skies are always added.
+    pub skies: Vec<SkyMap>,
+    /// Leave out the run beyond the caches.
+    pub in_cache_only: bool,
+    /// Size of the last-level cache, bytes, where the system's answer is not to be taken.
+    pub last_level_cache_bytes: Option<usize>,
 }
 
-/// Frames timed per method.
+/// Least frames timed per method and number of threads.
 const FRAMES: usize = 40;
 
 /// Measures. What deserves a remark on the way goes to stderr.
@@ -60,74 +85,76 @@ pub fn run(options: &Options) -> anyhow::Result<BenchReport> {
     anyhow::ensure!(!covered.is_empty(), "{}: no pixel is covered; bake another view", options.field.display());
     let stack = options.stack.as_deref().map(Stack::open).transpose()?;
     stack.as_ref().map_or(Ok(()), |stack| stack.check_field(&field))?;
-    let stack_sun = stack.as_ref().and_then(Stack::sun_dir_world);
-    let mut skies = skies::load_skies(&options.skies, &field, stack_sun)?;
-    if stack.is_some() {
-        skies::leave_out_foreign_suns(&mut skies, stack_sun).iter().for_each(|note| remark(note));
-    } else {
-        skies::gather_suns(&mut skies);
-    }
-    let mut dense = dense_sum(&field, &covered, stack.is_none() || stack_sun.is_some());
+    let mut skies = skies_of(options, &field, stack.as_ref())?;
+    let has_sun = stack.as_ref().is_none_or(|stack| stack.sun_dir_world().is_some());
+    let (mut rivals, note) = Rivals::new(&covered, field.width() * field.height(), field.patch_set().len(), has_sun)?;
+    remark(&note);
+    let own = Rc::new(RefCell::new(relume::Relighters::new(vec![field]).context("no field")?));
+    let own_at = |budget| relume::Relume::new(Rc::clone(&own), covered.as_slice().into(), budget);
     match &stack {
-        Some(stack) => sum_stack(stack, &covered, &mut skies, dense.as_mut())?,
-        None => expose_by_field(&field, &covered, &mut skies)?,
+        Some(stack) => sum_stack(stack, &covered, &mut skies, &mut rivals)?,
+        None => expose_by_field(own_at(Budget::AllRanks), &mut skies)?,
     }
-    let sunny = skies.iter().find(|sky| sky.weights.sun.is_some());
-    if let Some(sky) = sunny {
-        let took_ms = 1e3 * relume::sun_trace_s(field, sky)?;
-        remark(&format!("tracing the sun takes {took_ms:.1} ms whenever it has moved; not part of the frames below"));
+    let pool = rival::pool(study::THREADS.into_iter().max().unwrap_or(1))?;
+    let (rivals, notes) = rivals.into_methods(field.patch_set(), &pool, stack.is_some());
+    notes.iter().for_each(|note| remark(note));
+    let own = Budget::ALL.map(|budget| Box::new(own_at(budget)) as Box<dyn Method>);
+    let cache_bytes = options.last_level_cache_bytes.or_else(cache::last_level_bytes).unwrap_or(0);
+    let scale = study::Scale { covered_px: covered.len(), bandwidth: bandwidth::read_bandwidth(cache_bytes)? };
+    let ground = beyond::Ground { path: &options.field, field, cache_bytes, covered: &covered, scale };
+    both_conditions(&ground, rivals, own.into(), &skies, options.in_cache_only)
+}
+
+/// Errors, times in cache, then times beyond it.
+fn both_conditions<'a>(
+    ground: &beyond::Ground<'a>,
+    rivals: Vec<Box<dyn Method>>,
+    own: Vec<Box<dyn Method + 'a>>,
+    skies: &[BenchSky],
+    in_cache_only: bool,
+) -> anyhow::Result<BenchReport> {
+    let rival_count = rivals.len();
+    let mut methods: Vec<Box<dyn Method + 'a>> = rivals.into_iter().map(|rival| rival as Box<dyn Method>).collect();
+    methods.extend(own);
+    let errors = measure_errors(&mut methods, skies)?;
+    let mut in_cache = beyond::section(&ground.field, 1, 0, ground.cache_bytes);
+    let turns = (FRAMES.next_multiple_of(skies.len()), method::Turn::FrameAfterFrame);
+    study::fill(&mut in_cache, &mut methods, skies, turns, ground.scale)?;
+    let sunny = skies.iter().find(|sky| sky.has_sun());
+    let sun_trace_s = sunny.map(|sky| relume::sun_trace_s(ground.field, sky)).transpose()?;
+    let mut report = assemble(&ground.field, skies, errors, in_cache, ground.scale);
+    report.sun_trace_cpu_ms = sun_trace_s.map(|seconds| 1e3 * seconds);
+    if !in_cache_only {
+        methods.truncate(rival_count);
+        match beyond::run(ground, methods, skies, sun_trace_s.unwrap_or(0.0)) {
+            Ok(section) => report.beyond_cache = Some(section),
+            Err(error) => remark(&format!("the run beyond the caches is left out: {error:#}")),
+        }
     }
-    let mut methods: Vec<Box<dyn Method + '_>> = Vec::new();
-    methods.extend(dense.map(|dense| Box::new(dense) as Box<dyn Method>));
-    for ranks in relume::RANK_BUDGETS.into_iter().map(Some).chain([None]) {
-        methods.push(Box::new(relume::Relume::new(field, covered.clone(), ranks)));
+    Ok(report)
+}
+
+fn skies_of(options: &Options, field: &Field<'_>, stack: Option<&Stack>) -> anyhow::Result<Vec<BenchSky>> {
+    let stack_sun = stack.and_then(Stack::sun_dir_world);
+    let mut skies = skies::load_skies(&options.skies, field, stack_sun)?;
+    match stack {
+        Some(_) => skies::leave_out_foreign_suns(&mut skies, stack_sun).iter().for_each(|note| remark(note)),
+        None => skies::gather_suns(&mut skies),
     }
-    let methods = study(&mut methods, &skies)?;
-    Ok(finish(&field, covered.len(), sunny.is_some(), &skies, methods))
+    Ok(skies)
 }
 
 fn remark(line: &str) {
     eprintln!("bench: {line}");
 }
 
-/// The rival, or a remark why it is left out.
-fn dense_sum(field: &Field<'_>, covered: &[u32], has_sun: bool) -> Option<Dense> {
-    let patches = field.patch_set().len();
-    let needed = Dense::bytes(covered.len(), patches, has_sun);
-    let made = Blas::load().map_err(anyhow::Error::from).and_then(|blas| {
-        if let Some(available) = bandwidth::available_memory() {
-            let mib = |bytes: usize| bytes >> 20;
-            anyhow::ensure!(needed < available / 4 * 3, "needs {} MiB of {} MiB", mib(needed), mib(available));
-        }
-        Dense::new(blas, covered.to_vec(), field.width() * field.height(), patches, has_sun)
-    });
-    match made {
-        Ok(dense) => {
-            let forced = std::env::var("OPENBLAS_CORETYPE").map(|core| format!(", OPENBLAS_CORETYPE={core} is set"));
-            remark(&format!("{}{}", dense.describe(), forced.unwrap_or_default()));
-            Some(dense)
-        }
-        Err(error) => {
-            remark(&format!("{DENSE_NAME} is left out: {error:#}"));
-            None
-        }
-    }
-}
-
-/// One pass over the stack: the exact picture of every sky, their exposures, and the dense sum's columns.
-fn sum_stack(
-    stack: &Stack,
-    covered: &[u32],
-    skies: &mut Vec<BenchSky>,
-    mut dense: Option<&mut Dense>,
-) -> anyhow::Result<()> {
+/// One pass over the stack: the exact picture of every sky, their exposures, and the rivals' columns.
+fn sum_stack(stack: &Stack, covered: &[u32], skies: &mut Vec<BenchSky>, rivals: &mut Rivals) -> anyhow::Result<()> {
     let mut sums = sums::Sums::new(skies.len(), covered.len());
     for patch in 0..stack.len() {
         let image = stack.pixels(patch, covered)?;
         sums.add(skies, patch, &image);
-        if let Some(dense) = dense.as_deref_mut() {
-            dense.set_column(patch, &image);
-        }
+        rivals.set_column(patch, &image);
     }
     for (sky, exact) in skies.iter_mut().zip(sums.finish()) {
         match exposure_for(&exact) {
@@ -141,8 +168,7 @@ fn sum_stack(
 }
 
 /// Without a stack the field's own picture sets the exposures.
-fn expose_by_field(field: &Field<'_>, covered: &[u32], skies: &mut [BenchSky]) -> anyhow::Result<()> {
-    let mut relume = relume::Relume::new(*field, covered.to_vec(), None);
+fn expose_by_field(mut relume: relume::Relume<'_>, skies: &mut [BenchSky]) -> anyhow::Result<()> {
     for sky in skies {
         let shown: Vec<[f64; 3]> = relume.radiance(sky)?.iter().map(|rgb| rgb.map(f64::from)).collect();
         sky.exposure = exposure_for(&shown).unwrap_or(1.0) as f32;
@@ -150,40 +176,55 @@ fn expose_by_field(field: &Field<'_>, covered: &[u32], skies: &mut [BenchSky]) -
     Ok(())
 }
 
-/// Errors, then times, of all methods.
-fn study(methods: &mut [Box<dyn Method + '_>], skies: &[BenchSky]) -> anyhow::Result<Vec<MethodReport>> {
+/// The errors of all methods; their times are filled in later.
+fn measure_errors(methods: &mut [Box<dyn Method + '_>], skies: &[BenchSky]) -> anyhow::Result<Vec<MethodReport>> {
     let mut reports = Vec::with_capacity(methods.len());
     for method in methods.iter_mut() {
         let name = method.name();
         let errors = method::errors(method.as_mut(), skies).with_context(|| name)?;
-        let summary = summarise(&errors);
-        if name == RELUME_NAME {
-            remark_errors(&method.budget().unwrap_or_default(), skies, &errors);
+        let compared: Vec<&BenchSky> = skies.iter().filter(|sky| sky.exact.is_some()).collect();
+        if name == RELUME_NAME && method.budget() == Budget::ALL.last().map(Budget::to_string) {
+            remark_errors(&compared, &errors);
         }
+        let summary = summarise(&errors);
+        let worst = |sun: bool| {
+            let own = compared.iter().zip(&errors).filter(|(sky, _)| sky.has_sun() == sun);
+            own.map(|(_, e)| e.rmse).reduce(f64::max)
+        };
         reports.push(MethodReport {
             name: name.to_owned(),
             budget: method.budget(),
             cpu_ms_per_frame: 0.0,
             rmse_median: summary.map(|s| s.rmse_median),
             rmse_worst: summary.map(|s| s.rmse_worst),
+            rmse_worst_without_sun: worst(false),
+            rmse_worst_with_sun: worst(true),
             worst_code: summary.map(|s| s.worst_code),
             share_off_by_more_than_one: summary.map(|s| s.share_off_by_more_than_one),
             times_faster_than_dense_f32_openblas: None,
+            errors_per_sky: compared.iter().zip(&errors).map(|(sky, e)| sky_errors(sky, e)).collect(),
         });
-    }
-    for (report, seconds) in reports.iter_mut().zip(method::time(methods, skies, FRAMES)?) {
-        report.cpu_ms_per_frame = 1e3 * seconds;
     }
     Ok(reports)
 }
 
-/// The log tells each sky's figures; the report only the median and the worst.
-fn remark_errors(budget: &str, skies: &[BenchSky], errors: &[Errors]) {
-    for (sky, e) in skies.iter().filter(|sky| sky.exact.is_some()).zip(errors) {
-        let sun = if sky.weights.sun.is_some() { "with sun" } else { "no sun" };
+fn sky_errors(sky: &BenchSky, errors: &Errors) -> SkyErrors {
+    SkyErrors {
+        sky: sky.name.clone(),
+        has_sun: sky.has_sun(),
+        rmse: errors.rmse,
+        worst_code: errors.worst_code,
+        share_off_by_more_than_one: errors.share_off_by_more_than_one,
+    }
+}
+
+/// The log tells each sky's figures of the field at its best.
+fn remark_errors(skies: &[&BenchSky], errors: &[Errors]) {
+    for (sky, e) in skies.iter().zip(errors) {
+        let sun = if sky.has_sun() { "with sun" } else { "no sun" };
         let [r, g, b] = e.bias.map(|bias| 100.0 * bias);
         remark(&format!(
-            "{budget}, {} ({sun}): RMSE {:.3} %, bias {r:+.3} {g:+.3} {b:+.3} %, worst code {}, {:.3} % off by more than one",
+            "{} ({sun}): RMSE {:.3} %, bias {r:+.3} {g:+.3} {b:+.3} %, worst code {}, {:.3} % off by more than one",
             sky.name,
             100.0 * e.rmse,
             e.worst_code,
@@ -192,23 +233,38 @@ fn remark_errors(budget: &str, skies: &[BenchSky], errors: &[Errors]) {
     }
 }
 
-fn finish(field: &Field<'_>, covered: usize, sun: bool, skies: &[BenchSky], methods: Vec<MethodReport>) -> BenchReport {
-    let bandwidth = bandwidth::read_bandwidth();
-    remark(&format!(
-        "one thread reads {:.1} GB/s from a buffer of {} MiB",
-        1e-9 * bandwidth.bytes_per_s,
-        bandwidth.buffer_bytes >> 20
-    ));
-    let read = facts::bytes_read(field, MAX_RANK, sun) as f64;
-    let whole = methods.iter().rev().find(|m| m.name == RELUME_NAME);
-    let seconds = whole.map_or(f64::INFINITY, |m| 1e-3 * m.cpu_ms_per_frame);
-    let mut report = BenchReport {
+fn assemble(
+    field: &Field<'_>,
+    skies: &[BenchSky],
+    mut methods: Vec<MethodReport>,
+    in_cache: Section,
+    scale: study::Scale,
+) -> BenchReport {
+    for method in &mut methods {
+        if let Some(timing) = in_cache.timing(&method.name, method.budget.as_deref(), 1) {
+            method.cpu_ms_per_frame = timing.cpu_ms_per_frame;
+            method.times_faster_than_dense_f32_openblas = timing.times_faster_than_dense_f32_openblas;
+        }
+    }
+    let covered_px = scale.covered_px;
+    let sunny = skies.iter().filter(|sky| sky.has_sun()).count();
+    let whole = Budget::ALL.last().map(Budget::to_string);
+    let timing = in_cache.timing(RELUME_NAME, whole.as_deref(), 1);
+    BenchReport {
         skies: skies.iter().map(|sky| sky.name.clone()).collect(),
-        bytes_per_covered_pixel: read / covered as f64,
-        bytes_stored_per_covered_pixel: field.file_bytes() as f64 / covered as f64,
-        share_of_read_bandwidth: read / seconds / bandwidth.bytes_per_s,
+        skies_with_sun: sunny,
+        width_px: field.width(),
+        height_px: field.height(),
+        covered_px,
+        bytes_per_covered_pixel: facts::bytes_read(field, MAX_RANK, sunny > 0) as f64 / covered_px as f64,
+        bytes_stored_per_covered_pixel: field.file_bytes() as f64 / covered_px as f64,
+        share_of_read_bandwidth: timing.map_or(0.0, |timing| timing.share_of_read_bandwidth),
+        read_bandwidth_one_thread_bytes_per_cpu_s: scale.bandwidth.one_thread_bytes_per_cpu_s,
+        read_bandwidth_two_threads_bytes_per_cpu_s: scale.bandwidth.two_threads_bytes_per_cpu_s,
+        read_bandwidth_buffer_bytes: scale.bandwidth.buffer_bytes,
+        sun_trace_cpu_ms: None,
         methods,
-    };
-    report.compare_with_dense();
-    report
+        in_cache,
+        beyond_cache: None,
+    }
 }

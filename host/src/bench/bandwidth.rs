@@ -1,36 +1,53 @@
-//! What this machine's memory delivers to one thread, measured in the same run as the methods.
+//! What this machine's memory delivers to one thread and to two, measured in the same run as the methods.
 
+use super::arena::Arena;
 use super::clock::cpu_s;
 
-/// Largest buffer that is read, bytes.
+/// Least buffer that is read, bytes, where there is room.
 const BUFFER_BYTES: usize = 1 << 30;
 const PASSES: usize = 5;
 
-/// Read bandwidth of one thread.
+/// Read bandwidth.
 #[derive(Clone, Copy, Debug)]
 pub struct Bandwidth {
-    /// Bytes per second of CPU time, best of the passes.
-    pub bytes_per_s: f64,
+    /// Bytes per second of CPU time of one thread, best of the passes.
+    pub one_thread_bytes_per_cpu_s: f64,
+    /// The same of two threads at once: by the CPU time of both, so that other programs do not count.
+    pub two_threads_bytes_per_cpu_s: f64,
     /// Size of the buffer that was summed.
     pub buffer_bytes: usize,
 }
 
-/// Sums a buffer of 1 GiB, or of a quarter of the available memory where that is less, and takes the best pass.
-pub fn read_bandwidth() -> Bandwidth {
-    measure(BUFFER_BYTES.min(available_memory().unwrap_or(BUFFER_BYTES) / 4))
+/// Sums a buffer of 1 GiB, or of four times the last-level cache where that is more, or of a quarter of the available
+/// memory where that is less.
+pub fn read_bandwidth(last_level_cache_bytes: usize) -> std::io::Result<Bandwidth> {
+    let wanted = BUFFER_BYTES.max(last_level_cache_bytes.saturating_mul(4));
+    measure(wanted.min(available_memory().unwrap_or(wanted) / 4))
 }
 
-fn measure(bytes: usize) -> Bandwidth {
-    let words = (bytes / 64).max(1) * 8;
-    let buffer: Vec<u64> = (0..words as u64).collect();
-    let mut best = f64::INFINITY;
+fn measure(bytes: usize) -> std::io::Result<Bandwidth> {
+    let bytes = (bytes / 128).max(1) * 128;
+    let mut arena = Arena::zeros(bytes)?;
+    arena.fill_made_up();
+    let words: &[u64] = bytemuck::cast_slice(&arena.bytes()[..bytes]);
+    let (mut one, mut two) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..PASSES {
         let start = cpu_s();
-        std::hint::black_box(sum(std::hint::black_box(&buffer)));
-        best = best.min(cpu_s() - start);
+        std::hint::black_box(sum(std::hint::black_box(words)));
+        one = one.min(cpu_s() - start);
+        let (start, (low, high)) = (cpu_s(), words.split_at(words.len() / 2));
+        std::thread::scope(|scope| {
+            let other = scope.spawn(|| sum(std::hint::black_box(low)));
+            std::hint::black_box((sum(std::hint::black_box(high)), other.join().ok()));
+        });
+        two = two.min(cpu_s() - start);
     }
-    let buffer_bytes = words * size_of::<u64>();
-    Bandwidth { bytes_per_s: buffer_bytes as f64 / best.max(1e-9), buffer_bytes }
+    let per_s = |seconds: f64| bytes as f64 / seconds.max(1e-9);
+    Ok(Bandwidth {
+        one_thread_bytes_per_cpu_s: per_s(one),
+        two_threads_bytes_per_cpu_s: per_s(two),
+        buffer_bytes: bytes,
+    })
 }
 
 /// Eight independent sums, so that no addition waits for another and only the reading is left.
@@ -66,9 +83,11 @@ mod tests {
 
     #[test]
     fn bandwidth_is_that_of_a_computer() {
-        let found = measure(8 << 20);
+        let found = measure(8 << 20).unwrap();
         assert_eq!(found.buffer_bytes, 8 << 20);
-        assert!(found.bytes_per_s > 1e8 && found.bytes_per_s < 1e13, "{found:?}");
+        for rate in [found.one_thread_bytes_per_cpu_s, found.two_threads_bytes_per_cpu_s] {
+            assert!(rate > 1e8 && rate < 1e13, "{found:?}");
+        }
     }
 
     #[test]

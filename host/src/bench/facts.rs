@@ -2,6 +2,9 @@
 
 use relume_firmware::field::Field;
 use relume_firmware::tile::{TILE_PX, TILE_RECORD, padded};
+use relume_firmware::weights::FixedWeights;
+
+use super::method::BenchSky;
 
 /// Places `y * width + x` of all covered pixels, ascending: the order of everything the bench compares.
 pub fn covered(field: &Field<'_>) -> Vec<u32> {
@@ -34,4 +37,17 @@ pub fn bytes_read(field: &Field<'_>, max_rank: usize, sun: bool) -> usize {
             TILE_RECORD + rank * (pixels + 3 * (patches + 2)) + planes * pixels + coverage
         })
         .sum()
+}
+
+/// Bytes of the way back that a full frame reads under a sky: the rows of the patches that outshine it.
+pub fn way_back_bytes(field: &Field<'_>, sky: &BenchSky) -> usize {
+    let mut weights = FixedWeights::dark(field.patch_set().len());
+    if weights.set(&sky.weights.radiance, sky.weights.sun.as_ref(), sky.exposure).is_err() {
+        return 0;
+    }
+    let tiles = field.response();
+    let rows = |index: usize, patch: u16| field.residuals().get(index, &tiles.tile(index), usize::from(patch));
+    let standouts = weights.standouts().iter();
+    let places = standouts.flat_map(|standout| (0..tiles.tiles()).map(move |index| (index, standout.patch)));
+    places.filter_map(|(index, patch)| rows(index, patch)).map(|row| row.codes.len()).sum()
 }

@@ -1,21 +1,50 @@
 //! Time against error as a picture.
 
-use super::report::{BenchReport, RELUME_NAME};
+use super::report::{BenchReport, MethodReport, RELUME_NAME};
 use crate::plot::{Axis, Chart, Series};
 
-/// CPU time per frame against the worst relative RMSE, both logarithmic; `None` if no error was measured.
+/// CPU time per frame (one thread, in cache) against the worst relative RMSE under the sky's light alone, both logarithmic,
+/// each method a line over its budgets; Relume's with the sun up as well. `None` if no error was measured.
 pub fn figure(report: &BenchReport) -> Option<Chart> {
-    let point = |m: &super::MethodReport| m.rmse_worst.map(|rmse| (m.cpu_ms_per_frame, 100.0 * rmse));
-    let own = report.methods.iter().filter(|m| m.name == RELUME_NAME).filter_map(point).collect::<Vec<_>>();
-    let rivals = report.methods.iter().filter(|m| m.name != RELUME_NAME);
-    let mut chart =
-        Chart::new("Time against error", Axis::log("CPU ms per frame"), Axis::log("relative RMSE, worst sky, %"));
-    let mut points = own.len();
-    chart = chart.with(Series::line(RELUME_NAME, own).with_markers());
-    for rival in rivals {
-        let place: Vec<_> = point(rival).into_iter().collect();
-        points += place.len();
-        chart = chart.with(Series::scatter(rival.name.clone(), place));
+    let timing = |m: &MethodReport| report.in_cache.timing(&m.name, m.budget.as_deref(), 1);
+    let point = |ms: Option<f64>, m: &MethodReport, rmse: Option<f64>| {
+        rmse.map(|rmse| (ms.unwrap_or(m.cpu_ms_per_frame), 100.0 * rmse))
+    };
+    let sky_alone = |m: &MethodReport| {
+        let ms = timing(m).and_then(|timing| timing.cpu_ms_per_frame_without_sun);
+        point(ms, m, m.rmse_worst_without_sun.or(m.rmse_worst))
+    };
+    let sun_up = |m: &MethodReport| {
+        point(timing(m).and_then(|timing| timing.cpu_ms_per_frame_with_sun), m, m.rmse_worst_with_sun)
+    };
+    let of = |name: &str| report.methods.iter().filter(move |m| m.name == name).collect::<Vec<_>>();
+    let mut names: Vec<&str> = report.methods.iter().map(|m| m.name.as_str()).collect();
+    names.sort_by_key(|name| *name != RELUME_NAME);
+    names.dedup();
+    let mut all: Vec<(String, Vec<(f64, f64)>)> =
+        names.iter().map(|name| ((*name).to_owned(), of(name).into_iter().filter_map(sky_alone).collect())).collect();
+    let sunny = of(RELUME_NAME).into_iter().filter_map(sun_up).collect();
+    all.push((format!("{RELUME_NAME}, sun up"), sunny));
+    all.retain(|(_, points)| !points.is_empty());
+    let (x, y) = (Axis::log("CPU ms per frame"), Axis::log("relative RMSE, worst sky, %"));
+    let chart = Chart::new("Time against error: one thread, in cache", x, y);
+    (!all.is_empty()).then(|| {
+        all.into_iter().fold(chart, |chart, (name, points)| chart.with(Series::line(name, points).with_markers()))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::report::tests::report;
+    use super::*;
+
+    #[test]
+    fn nothing_is_drawn_without_errors() {
+        let mut report = report();
+        assert!(figure(&report).is_some());
+        for m in &mut report.methods {
+            (m.rmse_worst, m.rmse_worst_without_sun, m.rmse_worst_with_sun) = (None, None, None);
+        }
+        assert!(figure(&report).is_none());
     }
-    (points > 0).then_some(chart)
 }

@@ -1,7 +1,12 @@
 //! What the bench compares, and how: every method turns the same weights into the same kind of picture.
 
-use super::clock::{cpu_s, median};
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::arena::Arena;
+use super::clock::cpu_s;
 use super::error::{Errors, compare};
+use super::sample::Sample;
 use crate::weights::PatchWeights;
 
 /// One sky as the methods get it.
@@ -17,7 +22,14 @@ pub struct BenchSky {
     pub exact: Option<Vec<[f64; 3]>>,
 }
 
-/// What a method shows of the covered pixels, in row-major order.
+impl BenchSky {
+    /// Is the sun up in it, as compared?
+    pub fn has_sun(&self) -> bool {
+        self.weights.sun.is_some()
+    }
+}
+
+/// What a method shows of its pixels, in row-major order.
 #[derive(Clone, Debug)]
 pub struct Shown {
     /// Linear radiance, premultiplied, before exposure.
@@ -32,16 +44,44 @@ pub trait Method {
     fn name(&self) -> &'static str;
     /// The budget it works under, if it takes one.
     fn budget(&self) -> Option<String>;
+    /// The pixels it works on; `None`: all covered ones.
+    fn sample(&self) -> Option<&Sample> {
+        None
+    }
+    /// Works on so many threads from now on.
+    fn set_threads(&mut self, _threads: usize) {}
+    /// Bytes that a full frame of its own pixels reads under a sky.
+    fn bytes_read(&self, _sky: &BenchSky) -> usize {
+        0
+    }
+    /// Untimed frames before the timed ones.
+    ///
+    /// # Errors
+    /// If the weights are refused.
+    fn warm_up(&mut self, skies: &[BenchSky]) -> anyhow::Result<()> {
+        skies.iter().try_for_each(|sky| self.frame(sky))
+    }
     /// One full frame, timed: weights to 8-bit codes in the method's own framebuffer, nothing kept from the frame before.
     ///
     /// # Errors
     /// If the weights are refused.
     fn frame(&mut self, sky: &BenchSky) -> anyhow::Result<()>;
+    /// The pixels of a frame whose coefficients are known already, timed apart; `false`: there is no such thing here.
+    fn redraw(&mut self) -> bool {
+        false
+    }
     /// The picture that [`Method::frame`] makes of this sky, for measuring its error.
     ///
     /// # Errors
     /// If the weights are refused.
     fn show(&mut self, sky: &BenchSky) -> anyhow::Result<Shown>;
+    /// From now on every frame reads other numbers, out of `arena`; the pictures then mean nothing.
+    ///
+    /// # Errors
+    /// When the arena is too small.
+    fn go_beyond_caches(&mut self, _arena: &Arc<Arena>) -> anyhow::Result<()> {
+        Ok(())
+    }
 }
 
 /// Errors of a method under each sky that has an exact picture.
@@ -53,42 +93,81 @@ pub fn errors(method: &mut dyn Method, skies: &[BenchSky]) -> anyhow::Result<Vec
     for sky in skies {
         if let Some(exact) = &sky.exact {
             let shown = method.show(sky)?;
+            let sampled: Option<Vec<[f64; 3]>> = method
+                .sample()
+                .filter(|sample| sample.indices.len() < exact.len())
+                .map(|sample| sample.indices.iter().map(|&index| exact[index as usize]).collect());
+            let exact = sampled.as_deref().unwrap_or(exact);
             all.push(compare(&shown.radiance, &shown.codes, exact, f64::from(sky.exposure)));
         }
     }
     Ok(all)
 }
 
-/// Median CPU time per frame of each method, seconds. The methods take turns frame by frame, the skies change with every
-/// frame, and one round goes untimed.
+/// What the frames of one method took, seconds, in the order of the frames, scaled to all covered pixels.
+#[derive(Clone, Debug, Default)]
+pub struct Times {
+    /// CPU time of all threads.
+    pub cpu_s: Vec<f64>,
+    /// Wall-clock time.
+    pub wall_s: Vec<f64>,
+    /// CPU time of frames whose coefficients were known.
+    pub redraw_cpu_s: Vec<f64>,
+    /// Had the frame a sun?
+    pub has_sun: Vec<bool>,
+}
+
+/// How frames follow each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Turn {
+    /// Before each timed frame the method makes an untimed one under another sky, so that the caches hold what it left
+    /// there itself and not what another method did.
+    FrameAfterFrame,
+    /// Nothing is left in the caches.
+    Cold,
+}
+
+/// Times the methods. They take turns frame by frame in an order that changes with every round, as the sky does.
 ///
 /// # Errors
 /// If a method refuses a sky.
-pub fn time(methods: &mut [Box<dyn Method + '_>], skies: &[BenchSky], rounds: usize) -> anyhow::Result<Vec<f64>> {
-    let mut times = vec![Vec::with_capacity(rounds); methods.len()];
-    for (round, sky) in skies.iter().cycle().take(rounds + skies.len()).enumerate() {
-        for (method, times) in methods.iter_mut().zip(&mut times) {
-            let start = cpu_s();
+pub fn time(
+    methods: &mut [Box<dyn Method + '_>],
+    skies: &[BenchSky],
+    rounds: usize,
+    turn: Turn,
+) -> anyhow::Result<Vec<Times>> {
+    let mut times = vec![Times::default(); methods.len()];
+    for method in methods.iter_mut() {
+        method.warm_up(skies)?;
+    }
+    for (round, sky) in skies.iter().cycle().take(rounds).enumerate() {
+        for index in order(methods.len(), round) {
+            let (method, times) = (&mut methods[index], &mut times[index]);
+            if turn == Turn::FrameAfterFrame {
+                method.frame(&skies[(round + 1) % skies.len()])?;
+            }
+            let scale = method.sample().map_or(1.0, |sample| sample.scale);
+            let (start, wall) = (cpu_s(), Instant::now());
             method.frame(sky)?;
-            let took = cpu_s() - start;
-            if round >= skies.len() {
-                times.push(took);
+            times.cpu_s.push((cpu_s() - start) * scale);
+            times.wall_s.push(wall.elapsed().as_secs_f64() * scale);
+            times.has_sun.push(sky.has_sun());
+            let start = cpu_s();
+            if method.redraw() {
+                times.redraw_cpu_s.push((cpu_s() - start) * scale);
             }
         }
     }
-    Ok(times.iter().map(|times| median(times)).collect())
+    Ok(times)
 }
 
-/// Median CPU time per frame of one method under one sky, seconds.
-#[cfg(test)]
-pub(crate) fn time_one(method: &mut dyn Method, sky: &BenchSky, rounds: usize) -> anyhow::Result<f64> {
-    let mut times = Vec::new();
-    for _ in 0..rounds {
-        let start = cpu_s();
-        method.frame(sky)?;
-        times.push(cpu_s() - start);
-    }
-    Ok(median(&times))
+/// All of `0..count` once, in an order of the round's own.
+fn order(count: usize, round: usize) -> impl Iterator<Item = usize> {
+    let apart = |step: &usize| (2..=*step).all(|d| !(step.is_multiple_of(d) && count.is_multiple_of(d)));
+    let steps: Vec<usize> = (1..count.max(2)).filter(apart).collect();
+    let step = steps[round % steps.len()];
+    (0..count).map(move |place| (place * step + round) % count)
 }
 
 #[cfg(test)]
@@ -162,12 +241,31 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn orders_hold_every_method_once_and_differ() {
+        for count in 1..20 {
+            for round in 0..40 {
+                let mut all: Vec<usize> = order(count, round).collect();
+                all.sort_unstable();
+                assert_eq!(all, (0..count).collect::<Vec<_>>());
+            }
+        }
+        let behind = |round| {
+            let all: Vec<usize> = order(14, round).collect();
+            all[(all.iter().position(|&k| k == 3).unwrap() + 13) % 14]
+        };
+        assert!((1..6).any(|round| behind(round) != behind(0)));
+    }
+
+    #[test]
     fn every_method_draws_every_round() {
         let naive = made_up(4, 16);
         let skies = [sky("a", 16, &naive), sky("b", 16, &naive)];
         let mut methods: Vec<Box<dyn Method>> = vec![Box::new(naive), Box::new(made_up(4, 16))];
-        let times = time(&mut methods, &skies, 5).unwrap();
+        let times = time(&mut methods, &skies, 5, Turn::FrameAfterFrame).unwrap();
         assert_eq!(times.len(), 2);
-        assert!(times.iter().all(|t| t.is_finite() && *t >= 0.0));
+        for times in &times {
+            assert_eq!((times.cpu_s.len(), times.wall_s.len(), times.redraw_cpu_s.len()), (5, 5, 0));
+            assert!(times.cpu_s.iter().all(|t| t.is_finite() && *t >= 0.0));
+        }
     }
 }

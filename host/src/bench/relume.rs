@@ -1,34 +1,73 @@
-//! Relume itself as one of the methods: the field, one thread, at most so many ranks per tile.
+//! Relume itself as one of the methods: the field under a budget, or copies of it in turn.
+
+use std::cell::RefCell;
+use std::rc::Rc;
 
 use relume_firmware::field::Field;
 
+use super::budget::Budget;
 use super::clock::cpu_s;
+use super::facts;
 use super::method::{BenchSky, Method, Shown};
 use super::report::RELUME_NAME;
 use crate::relight::{Framebuffer, Relighter, View};
 
-/// Ranks per tile that a run tries, and all that the field has.
-pub const RANK_BUDGETS: [usize; 4] = [2, 4, 8, 16];
-
-/// The field relit with at most `max_rank` ranks per tile.
-pub struct Relume<'f> {
-    relighter: Relighter<'f>,
-    max_rank: Option<usize>,
+/// The relighters of a field, or of copies of it, that take turns. All budgets share them.
+pub struct Relighters<'f> {
+    fields: Vec<Field<'f>>,
+    relighters: Vec<Relighter<'f>>,
+    threads: usize,
+    next: usize,
     view: View,
     framebuffer: Framebuffer,
-    covered: Vec<u32>,
+}
+
+impl<'f> Relighters<'f> {
+    /// Relighters of one thread, one for each of `fields`, over a black view. `None` without a field.
+    pub fn new(fields: Vec<Field<'f>>) -> Option<Self> {
+        let first = fields.first()?;
+        let (width, height) = (first.width(), first.height());
+        let relighters = fields.iter().map(|field| Relighter::new(*field, 1)).collect();
+        let view = View::new(width, height, Vec::new());
+        Some(Relighters { fields, relighters, threads: 1, next: 0, view, framebuffer: Framebuffer::new(width, height) })
+    }
+
+    fn set_threads(&mut self, threads: usize) {
+        if self.threads != threads {
+            self.relighters = self.fields.iter().map(|field| Relighter::new(*field, threads)).collect();
+            self.threads = threads;
+        }
+    }
+
+    fn move_on(&mut self) {
+        self.next = (self.next + 1) % self.relighters.len();
+    }
+
+    fn project(&mut self, sky: &BenchSky, budget: Budget) -> anyhow::Result<()> {
+        let relighter = &mut self.relighters[self.next];
+        budget.set(relighter);
+        relighter.set_weights(&sky.weights, sky.exposure)?;
+        Ok(())
+    }
+
+    fn draw(&mut self) {
+        let relighter = &mut self.relighters[self.next];
+        relighter.invalidate();
+        relighter.draw(&self.view, &mut self.framebuffer);
+    }
+}
+
+/// The field relit under a budget.
+pub struct Relume<'f> {
+    shared: Rc<RefCell<Relighters<'f>>>,
+    budget: Budget,
+    covered: Rc<[u32]>,
 }
 
 impl<'f> Relume<'f> {
-    /// A relighter with one thread over a black view; `max_rank` `None` takes all ranks that the field has.
-    pub fn new(field: Field<'f>, covered: Vec<u32>, max_rank: Option<usize>) -> Self {
-        let (width, height) = (field.width(), field.height());
-        let mut relighter = Relighter::new(field, 1);
-        if let Some(ranks) = max_rank {
-            relighter.set_rank_limit(Some(ranks));
-        }
-        let view = View::new(width, height, Vec::new());
-        Relume { relighter, max_rank, view, framebuffer: Framebuffer::new(width, height), covered }
+    /// `covered` names the pixels that are compared.
+    pub fn new(shared: Rc<RefCell<Relighters<'f>>>, covered: Rc<[u32]>, budget: Budget) -> Self {
+        Relume { shared, budget, covered }
     }
 
     /// Linear radiance of the covered pixels.
@@ -36,8 +75,10 @@ impl<'f> Relume<'f> {
     /// # Errors
     /// If the weights are refused.
     pub fn radiance(&mut self, sky: &BenchSky) -> anyhow::Result<Vec<[f32; 3]>> {
-        self.relighter.set_weights(&sky.weights, sky.exposure)?;
-        let picture = self.relighter.radiance();
+        let mut shared = self.shared.borrow_mut();
+        shared.project(sky, self.budget)?;
+        let at = shared.next;
+        let picture = shared.relighters[at].radiance();
         Ok(self.covered.iter().map(|&at| picture.rgb[at as usize]).collect())
     }
 }
@@ -63,23 +104,50 @@ impl Method for Relume<'_> {
     }
 
     fn budget(&self) -> Option<String> {
-        Some(self.max_rank.map_or_else(|| "all ranks".to_owned(), |ranks| format!("{ranks} ranks")))
+        Some(self.budget.to_string())
+    }
+
+    fn set_threads(&mut self, threads: usize) {
+        self.shared.borrow_mut().set_threads(threads);
+    }
+
+    fn bytes_read(&self, sky: &BenchSky) -> usize {
+        let field = self.shared.borrow().fields[0];
+        facts::bytes_read(&field, self.budget.max_rank(), sky.has_sun()) + facts::way_back_bytes(&field, sky)
+    }
+
+    fn warm_up(&mut self, skies: &[BenchSky]) -> anyhow::Result<()> {
+        let copies = self.shared.borrow().relighters.len();
+        for sky in skies.iter().cycle().take(copies.max(skies.len())) {
+            self.frame(sky)?;
+        }
+        Ok(())
     }
 
     fn frame(&mut self, sky: &BenchSky) -> anyhow::Result<()> {
-        self.relighter.invalidate();
-        self.relighter.set_weights(&sky.weights, sky.exposure)?;
-        self.relighter.draw(&self.view, &mut self.framebuffer);
+        let mut shared = self.shared.borrow_mut();
+        shared.move_on();
+        shared.project(sky, self.budget)?;
+        shared.draw();
         Ok(())
+    }
+
+    fn redraw(&mut self) -> bool {
+        let mut shared = self.shared.borrow_mut();
+        // The only copy keeps its coefficients; of several the next one has some from an earlier turn.
+        shared.move_on();
+        shared.draw();
+        true
     }
 
     fn show(&mut self, sky: &BenchSky) -> anyhow::Result<Shown> {
         self.frame(sky)?;
+        let radiance = self.radiance(sky)?;
+        let shared = self.shared.borrow();
         let codes = self.covered.iter().map(|&at| {
-            let [_, r, g, b] = self.framebuffer.pixels[at as usize].to_be_bytes();
+            let [_, r, g, b] = shared.framebuffer.pixels[at as usize].to_be_bytes();
             [r, g, b]
         });
-        let codes = codes.collect();
-        Ok(Shown { radiance: self.radiance(sky)?, codes })
+        Ok(Shown { radiance, codes: codes.collect() })
     }
 }

@@ -2,25 +2,45 @@
 
 use serde::Serialize;
 
-/// The whole finding. Shares and errors are fractions, not per cent.
+/// The whole finding. Shares and errors are fractions, not per cent; every other number names its unit.
 #[derive(Clone, Debug, Serialize)]
 pub struct BenchReport {
     /// Names of the skies that were used.
     pub skies: Vec<String>,
-    /// Bytes of the field read for a full frame, per covered pixel.
+    /// How many of them have the sun up, as compared.
+    pub skies_with_sun: usize,
+    /// Size of the picture.
+    pub width_px: usize,
+    /// Size of the picture.
+    pub height_px: usize,
+    /// Covered pixels.
+    pub covered_px: usize,
+    /// Bytes of the field read for a full frame, per covered pixel, the sun's layer included where a sky has a sun.
     pub bytes_per_covered_pixel: f64,
     /// Bytes of the whole file, per covered pixel.
     pub bytes_stored_per_covered_pixel: f64,
-    /// Bytes of the field read per second of CPU time, as a share of this run's read bandwidth.
+    /// Bytes of the field read per second of CPU time, as a share of this run's read bandwidth; one thread, in cache.
     pub share_of_read_bandwidth: f64,
-    /// One entry per method and budget.
+    /// What one thread reads from memory per second of CPU time.
+    pub read_bandwidth_one_thread_bytes_per_cpu_s: f64,
+    /// What two threads at once read per second of the CPU time of both.
+    pub read_bandwidth_two_threads_bytes_per_cpu_s: f64,
+    /// Size of the buffer over which that was measured.
+    pub read_bandwidth_buffer_bytes: usize,
+    /// Tracing the sun after it has moved, which no frame's time includes; `None` without a sun.
+    pub sun_trace_cpu_ms: Option<f64>,
+    /// One entry per method and budget: its errors, and its time on one thread in cache.
     pub methods: Vec<MethodReport>,
+    /// The same field frame after frame.
+    pub in_cache: Section,
+    /// Copies of the field in turn, more bytes than the caches hold; `None`: left out.
+    pub beyond_cache: Option<Section>,
 }
 
 /// One method at one budget. Error values are `None` without a stack.
 #[derive(Clone, Debug, Serialize)]
 pub struct MethodReport {
-    /// Name; `relume` or `dense_f32_openblas`.
+    /// Name; `relume`, `dense_f32_openblas` or another rival's.
     pub name: String,
     /// The budget it was given; `None`: it takes none.
     pub budget: Option<String>,
@@ -30,12 +50,80 @@ pub struct MethodReport {
     pub rmse_median: Option<f64>,
     /// Relative RMSE, worst sky.
     pub rmse_worst: Option<f64>,
+    /// Relative RMSE, worst sky without a sun.
+    pub rmse_worst_without_sun: Option<f64>,
+    /// Relative RMSE, worst sky with the sun up. The rivals sum the stack's own picture of the sun, grain and all, which
+    /// holds for that one place of the sun alone; Relume traces the sun wherever it stands.
+    pub rmse_worst_with_sun: Option<f64>,
     /// Largest error of an 8-bit value under any sky.
     pub worst_code: Option<u8>,
     /// Share of 8-bit values off by more than one, worst sky.
     pub share_off_by_more_than_one: Option<f64>,
     /// The dense sum's CPU time / this one's; `None` where OpenBLAS is missing.
     pub times_faster_than_dense_f32_openblas: Option<f64>,
+    /// The errors sky by sky; empty without a stack.
+    pub errors_per_sky: Vec<SkyErrors>,
+}
+
+/// Errors of a method under one sky.
+#[derive(Clone, Debug, Serialize)]
+pub struct SkyErrors {
+    /// Name of the sky.
+    pub sky: String,
+    /// Is the sun up in it, as compared?
+    pub has_sun: bool,
+    /// Relative RMSE.
+    pub rmse: f64,
+    /// Largest error of an 8-bit value.
+    pub worst_code: u8,
+    /// Share of 8-bit values off by more than one.
+    pub share_off_by_more_than_one: f64,
+}
+
+/// Times under one condition.
+#[derive(Clone, Debug, Serialize)]
+pub struct Section {
+    /// Copies of the field that take turns.
+    pub field_copies: usize,
+    /// Bytes that those copies hold for frames to read.
+    pub field_bytes: usize,
+    /// Bytes of made-up numbers through which the rivals' frames wander; 0: each has its own.
+    pub rivals_bytes: usize,
+    /// Size of the last-level cache, as the system or the caller says; 0: unknown.
+    pub last_level_cache_bytes: usize,
+    /// Were skies with the sun up among the frames?
+    pub sun_included: bool,
+    /// One entry per method, budget and number of threads.
+    pub timings: Vec<Timing>,
+}
+
+/// Times of one method. Medians over frames; a frame is weights to 8-bit picture.
+#[derive(Clone, Debug, Serialize)]
+pub struct Timing {
+    /// Name of the method.
+    pub name: String,
+    /// The budget it was given; `None`: it takes none.
+    pub budget: Option<String>,
+    /// Threads.
+    pub threads: usize,
+    /// CPU time of all threads.
+    pub cpu_ms_per_frame: f64,
+    /// The same over frames with a sun; `None`: there were none.
+    pub cpu_ms_per_frame_with_sun: Option<f64>,
+    /// The same over frames without a sun; `None`: there were none.
+    pub cpu_ms_per_frame_without_sun: Option<f64>,
+    /// CPU time when the coefficients are known already; `None`: the method has no such thing.
+    pub cpu_ms_per_frame_coefficients_reused: Option<f64>,
+    /// Wall-clock time.
+    pub wall_ms_per_frame: f64,
+    /// Bytes that a frame reads per covered pixel, mean of the frames.
+    pub bytes_read_per_covered_pixel: f64,
+    /// Those bytes per second of CPU time as a share of what as many threads read in this run.
+    pub share_of_read_bandwidth: f64,
+    /// The dense sum's CPU time on as many threads / this one's; `None` where OpenBLAS is missing.
+    pub times_faster_than_dense_f32_openblas: Option<f64>,
+    /// The same with the coefficients known already.
+    pub times_faster_than_dense_f32_openblas_coefficients_reused: Option<f64>,
 }
 
 /// Name of the rival in reports.
@@ -43,20 +131,36 @@ pub const DENSE_NAME: &str = "dense_f32_openblas";
 /// Name of Relume's own way in reports.
 pub const RELUME_NAME: &str = "relume";
 
-impl BenchReport {
-    /// Fills in how many times faster each method is than the dense sum, where that was measured.
+impl Section {
+    /// Fills in how many times faster each method is than the dense sum on as many threads, where that was measured.
     pub fn compare_with_dense(&mut self) {
-        let Some(dense) = self.methods.iter().find(|m| m.name == DENSE_NAME).map(|m| m.cpu_ms_per_frame) else {
-            return;
-        };
-        for method in &mut self.methods {
-            method.times_faster_than_dense_f32_openblas = Some(dense / method.cpu_ms_per_frame);
+        let dense: Vec<(usize, f64)> = self
+            .timings
+            .iter()
+            .filter(|timing| timing.name == DENSE_NAME)
+            .map(|timing| (timing.threads, timing.cpu_ms_per_frame))
+            .collect();
+        for timing in &mut self.timings {
+            let Some((_, dense_ms)) = dense.iter().find(|(threads, _)| *threads == timing.threads) else { continue };
+            timing.times_faster_than_dense_f32_openblas = Some(dense_ms / timing.cpu_ms_per_frame);
+            timing.times_faster_than_dense_f32_openblas_coefficients_reused =
+                timing.cpu_ms_per_frame_coefficients_reused.map(|ms| dense_ms / ms);
         }
+    }
+
+    /// The times of a method at a budget on so many threads.
+    pub fn timing(&self, name: &str, budget: Option<&str>, threads: usize) -> Option<&Timing> {
+        let same = |t: &&Timing| t.name == name && t.budget.as_deref() == budget && t.threads == threads;
+        self.timings.iter().find(same)
     }
 }
 
 fn percent(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{:.3} %", 100.0 * v))
+}
+
+fn times(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |times| format!("{times:.1}x"))
 }
 
 impl std::fmt::Display for BenchReport {
@@ -71,13 +175,13 @@ impl std::fmt::Display for BenchReport {
         )?;
         writeln!(
             f,
-            "{:<20} {:<12} {:>10} {:>10} {:>10} {:>6} {:>10} {:>8}",
+            "{:<26} {:<14} {:>9} {:>10} {:>10} {:>6} {:>10} {:>8}",
             "method", "budget", "ms/frame", "RMSE med", "worst", "code", "off > 1", "faster"
         )?;
         for m in &self.methods {
             writeln!(
                 f,
-                "{:<20} {:<12} {:>10.3} {:>10} {:>10} {:>6} {:>10} {:>8}",
+                "{:<26} {:<14} {:>9.3} {:>10} {:>10} {:>6} {:>10} {:>8}",
                 m.name,
                 m.budget.as_deref().unwrap_or("-"),
                 m.cpu_ms_per_frame,
@@ -85,85 +189,46 @@ impl std::fmt::Display for BenchReport {
                 percent(m.rmse_worst),
                 m.worst_code.map_or_else(|| "-".to_owned(), |code| code.to_string()),
                 percent(m.share_off_by_more_than_one),
-                m.times_faster_than_dense_f32_openblas.map_or_else(|| "-".to_owned(), |times| format!("{times:.1}x")),
+                times(m.times_faster_than_dense_f32_openblas),
             )?;
         }
-        Ok(())
+        write_section(f, "in cache", &self.in_cache)?;
+        self.beyond_cache.as_ref().map_or(Ok(()), |section| write_section(f, "beyond the caches", section))
     }
+}
+
+fn write_section(f: &mut std::fmt::Formatter<'_>, title: &str, section: &Section) -> std::fmt::Result {
+    let mib = |bytes: usize| bytes >> 20;
+    writeln!(
+        f,
+        "\n{title}: {} x field, {} MiB; last-level cache {} MiB",
+        section.field_copies,
+        mib(section.field_bytes),
+        mib(section.last_level_cache_bytes)
+    )?;
+    writeln!(
+        f,
+        "{:<26} {:<14} {:>3} {:>8} {:>8} {:>8} {:>8} {:>7} {:>8} {:>8}",
+        "method", "budget", "thr", "CPU ms", "wall ms", "reused", "bytes/px", "memory", "faster", "reused"
+    )?;
+    for t in &section.timings {
+        writeln!(
+            f,
+            "{:<26} {:<14} {:>3} {:>8.3} {:>8.3} {:>8} {:>8.1} {:>5.0} % {:>8} {:>8}",
+            t.name,
+            t.budget.as_deref().unwrap_or("-"),
+            t.threads,
+            t.cpu_ms_per_frame,
+            t.wall_ms_per_frame,
+            t.cpu_ms_per_frame_coefficients_reused.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.3}")),
+            t.bytes_read_per_covered_pixel,
+            100.0 * t.share_of_read_bandwidth,
+            times(t.times_faster_than_dense_f32_openblas),
+            times(t.times_faster_than_dense_f32_openblas_coefficients_reused),
+        )?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn report() -> BenchReport {
-        let method = |name: &str, ms| MethodReport {
-            name: name.to_owned(),
-            budget: None,
-            cpu_ms_per_frame: ms,
-            rmse_median: Some(0.0025),
-            rmse_worst: None,
-            worst_code: Some(7),
-            share_off_by_more_than_one: None,
-            times_faster_than_dense_f32_openblas: None,
-        };
-        BenchReport {
-            skies: vec!["a".into(), "b".into()],
-            bytes_per_covered_pixel: 24.0,
-            bytes_stored_per_covered_pixel: 31.5,
-            share_of_read_bandwidth: 0.75,
-            methods: vec![method(DENSE_NAME, 42.0), method(RELUME_NAME, 0.5)],
-        }
-    }
-
-    #[test]
-    fn json_has_exactly_the_documented_keys() {
-        let json = serde_json::to_value(report()).unwrap();
-        let keys = |value: &serde_json::Value| {
-            let mut keys: Vec<String> = value.as_object().unwrap().keys().cloned().collect();
-            keys.sort();
-            keys
-        };
-        let mut top = [
-            "skies",
-            "bytes_per_covered_pixel",
-            "bytes_stored_per_covered_pixel",
-            "share_of_read_bandwidth",
-            "methods",
-        ];
-        top.sort_unstable();
-        assert_eq!(keys(&json), top);
-        let mut method = [
-            "name",
-            "budget",
-            "cpu_ms_per_frame",
-            "rmse_median",
-            "rmse_worst",
-            "worst_code",
-            "share_off_by_more_than_one",
-            "times_faster_than_dense_f32_openblas",
-        ];
-        method.sort_unstable();
-        assert_eq!(keys(&json["methods"][0]), method);
-        assert!(json["methods"][1]["rmse_worst"].is_null());
-        assert_eq!(json["methods"][0]["rmse_median"], 0.0025);
-    }
-
-    #[test]
-    fn times_faster_is_against_the_dense_sum() {
-        let mut report = report();
-        report.compare_with_dense();
-        let times: Vec<_> = report.methods.iter().map(|m| m.times_faster_than_dense_f32_openblas).collect();
-        assert_eq!(times, [Some(1.0), Some(84.0)]);
-        report.methods.remove(0);
-        report.methods[0].times_faster_than_dense_f32_openblas = None;
-        report.compare_with_dense();
-        assert_eq!(report.methods[0].times_faster_than_dense_f32_openblas, None);
-    }
-
-    #[test]
-    fn the_table_shows_what_was_measured() {
-        let text = report().to_string();
-        assert!(text.contains("0.250 %") && text.contains("42.000") && text.contains("75 %"), "{text}");
-    }
-}
+pub(super) mod tests;

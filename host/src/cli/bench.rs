@@ -1,43 +1,73 @@
 //! `relume bench`: time against error on this machine.
 
-use super::args::{Command, place, required};
-use crate::bench::{Options, run};
+use super::args::{Command, number, place, required};
+use crate::bench::{Options, SkyMap, run};
 use crate::failure::{Failure, OrFail};
 use std::path::PathBuf;
 
 pub(super) const COMMAND: Command = Command {
     name: "bench",
     help: "\
-relume bench FIELD [--stack STACK_DIR] [--sky MAP]... [--figure OUT.png] [--json]
+relume bench FIELD [--stack STACK_DIR] [--sky MAP[@DEG]]... [--in-cache-only] [--cache MIB] [--plot OUT.png] [--json]
 
-Time per frame for several budgets, beside a dense f32 sum by OpenBLAS when that library is there.
+Time per frame for several budgets against error, on one thread and two, beside rivals that make the same picture from the
+same weights: the dense sum in f32 (OpenBLAS) and in int8, global principal components, and few lights chosen live from
+the sky. Without OpenBLAS (apt: libopenblas0-pthread) only the int8 sum is left. Then the same beyond the caches.
 
   --stack STACK_DIR   the uncompressed stack: measures errors too, over all skies (without it those keys are null)
-  --sky MAP           a lat-long radiance map; may be given more than once
-  --figure OUT.png    time against error as a picture (with --stack)
-  --json              the figures as one JSON object on standard output
+  --sky MAP[@DEG]     a lat-long radiance map, turned about +Y by DEG; may be given more than once.
+                      Nine simulated skies are added: six with the sun where the stack has it, three without.
+                      A sun that stands elsewhere than the stack's is left out on both sides.
+  --in-cache-only     leaves out the run beyond the caches: copies of the field in turn, four times the last-level cache
+  --cache MIB         size of the last-level cache, where the system's own answer is not to be taken
+  --plot OUT.png      time against error as a picture (with --stack)
+  --json              the figures as one JSON object on standard output:
+    skies, skies_with_sun, width_px, height_px, covered_px
+    bytes_per_covered_pixel          of the field, read for a full frame with the sun's layer
+    bytes_stored_per_covered_pixel   of the whole file
+    share_of_read_bandwidth          of this run's, at the last budget
+    read_bandwidth_{one_thread,two_threads}_bytes_per_cpu_s, read_bandwidth_buffer_bytes
+    sun_trace_cpu_ms                 once whenever the sun has moved; in no frame's time
+    methods[]                        name, budget, cpu_ms_per_frame (one thread, in cache), rmse_{median,worst},
+                                     rmse_worst_{with,without}_sun, worst_code, share_off_by_more_than_one,
+                                     times_faster_than_dense_f32_openblas, errors_per_sky[]
+    in_cache, beyond_cache           field_copies, field_bytes, rivals_bytes, last_level_cache_bytes, sun_included, and
+                                     timings[]: name, budget, threads, cpu_ms_per_frame (also _with_sun, _without_sun,
+                                     _coefficients_reused), wall_ms_per_frame, bytes_read_per_covered_pixel,
+                                     share_of_read_bandwidth, times_faster_... (also ..._coefficients_reused)
+  rmse, shares and times faster are plain fractions; times are medians over frames
 ",
     act,
 };
 
 fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     use lexopt::prelude::{Long, Value};
-    let (mut field, mut stack, mut figure) = (None::<PathBuf>, None::<PathBuf>, None::<PathBuf>);
-    let (mut skies, mut json) = (Vec::<PathBuf>::new(), false);
+    let (mut field, mut plot, mut json) = (None::<PathBuf>, None::<PathBuf>, false);
+    let mut options = Options::default();
     while let Some(arg) = parser.next()? {
         match arg {
-            Long("stack") => stack = Some(parser.value()?.into()),
-            Long("sky") => skies.push(parser.value()?.into()),
-            Long("figure") => figure = Some(parser.value()?.into()),
+            Long("stack") => options.stack = Some(parser.value()?.into()),
+            Long("sky") => options.skies.push(SkyMap::parse(&parser.value()?)),
+            Long("in-cache-only") => options.in_cache_only = true,
+            Long("cache") => {
+                options.last_level_cache_bytes =
+                    Some((number(&mut parser, "--cache", 1.0..=65536.0)? * f64::from(1 << 20)) as usize);
+            }
+            Long("plot" | "figure") => plot = Some(parser.value()?.into()),
             Long("json") => json = true,
             Value(value) => place(value, &mut [&mut field])?,
             other => return Err(other.unexpected().into()),
         }
     }
-    let field = required(field, "FIELD")?;
-    let report = run(&Options { field, stack, skies }).or_bad()?;
-    if let (Some(path), Some(chart)) = (figure, crate::bench::figure(&report)) {
-        chart.draw(900, 520).save(&path).or_runtime()?;
+    options.field = required(field, "FIELD")?;
+    if let Some(path) = &plot {
+        crate::outfile::check_writable(path)?;
+    }
+    let report = run(&options).or_bad()?;
+    match (plot, crate::bench::figure(&report)) {
+        (Some(path), Some(chart)) => chart.draw(1000, 600).save(&path).or_runtime()?,
+        (Some(path), None) => eprintln!("bench: {}: not drawn; errors need --stack", path.display()),
+        (None, _) => {}
     }
     if json { super::say_json(&report) } else { super::say(&report.to_string()) }
 }

@@ -1,0 +1,100 @@
+//! `relume bench` as a whole: every method over a small field, in cache and beyond, and what its figures have in common.
+//! No time is judged.
+
+#![allow(clippy::unwrap_used)]
+
+use relume_tests::files::fresh_folder;
+use relume_tests::picture::write_exr;
+use relume_tests::program::{bake_in, relume_in};
+use relume_tests::scene::write_courtyard;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+fn baked() -> &'static Path {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "bench");
+        write_courtyard(&folder);
+        let args = ["scene", "scene.glb", "--camera", "camera.json", "--size", "64x48", "--directions", "64"];
+        bake_in(&folder, &[&args[..], &["--stack", "stack", "--sun", "130,42", "-o", "a.field"]].concat()).well();
+        // Lighter towards +X: turned, it is another sky.
+        write_exr(&folder.join("sky.exr"), (64, 32), |x, _| [0.5 + (x as f32 / 64.0 * 3.0).sin(), 0.6, 0.7]);
+        folder
+    })
+}
+
+fn measured(args: &[&str]) -> Value {
+    let out = relume_in(baked(), &[&["bench", "a.field", "--json"], args].concat()).well();
+    serde_json::from_str(&out.stdout).unwrap()
+}
+
+/// The entries of a list whose `name` is this.
+fn named<'a>(list: &'a Value, name: &str) -> Vec<&'a Value> {
+    list.as_array().unwrap().iter().filter(|entry| entry["name"] == name).collect()
+}
+
+const OPENBLAS: [(&str, usize); 3] =
+    [("dense_f32_openblas", 1), ("global_pca_openblas", 3), ("median_cut_lights_openblas", 4)];
+
+#[test]
+fn a_study_holds_every_method_in_and_beyond_the_cache() {
+    let args = ["--stack", "stack", "--sky", "sky.exr", "--sky", "sky.exr@90", "--cache", "1", "--plot", "plot.png"];
+    let report = measured(&args);
+    let methods = &report["methods"];
+    assert_eq!((report["skies"].as_array().unwrap().len(), report["skies_with_sun"].as_u64()), (11, Some(6)));
+    assert_eq!(report["skies"][1], "sky@90");
+    assert!(image::open(baked().join("plot.png")).unwrap().width() > 500);
+
+    let with_openblas = !named(methods, "dense_f32_openblas").is_empty();
+    if !with_openblas {
+        eprintln!("skipped: the rivals by OpenBLAS: it is not here");
+    }
+    for (name, count) in OPENBLAS.into_iter().filter(|_| with_openblas).chain([("dense_int8", 1), ("relume", 5)]) {
+        assert_eq!(named(methods, name).len(), count, "{name}");
+        assert_eq!(named(&report["in_cache"]["timings"], name).len(), 2 * count, "{name}");
+        let beyond = if name == "relume" { 1 } else { count };
+        assert_eq!(named(&report["beyond_cache"]["timings"], name).len(), 2 * beyond, "{name}");
+    }
+    let rmse = |entry: &Value| entry["rmse_worst_without_sun"].as_f64().unwrap();
+    assert!(rmse(named(methods, "dense_int8")[0]) < 0.01);
+    assert!(rmse(named(methods, "relume")[4]) < 0.01);
+    if with_openblas {
+        let dense = named(methods, "dense_f32_openblas")[0];
+        assert!(rmse(dense) < 1e-5 && dense["rmse_worst"].as_f64().unwrap() < 1e-5, "{dense}");
+        // 64 + 4 patches' f32 for each channel, and the sun's in half of the frames.
+        let bytes = named(&report["beyond_cache"]["timings"], "dense_f32_openblas")[0]["bytes_read_per_covered_pixel"]
+            .as_f64()
+            .unwrap();
+        assert!((816.0..=828.0).contains(&bytes), "{bytes}");
+        // More components and more lights are never much worse; the best of each is far from the worst.
+        for name in ["global_pca_openblas", "median_cut_lights_openblas"] {
+            let errors: Vec<f64> = named(methods, name).into_iter().map(rmse).collect();
+            assert!(errors.last() < errors.first() && errors.iter().all(|e| *e < 1.0), "{name}: {errors:?}");
+        }
+    }
+    let held = |section: &str, key: &str| report[section][key].as_u64().unwrap();
+    assert_eq!(held("in_cache", "field_copies"), 1);
+    assert!(held("beyond_cache", "field_bytes") >= 4 << 20 && held("beyond_cache", "rivals_bytes") >= 4 << 20);
+}
+
+#[test]
+fn without_a_stack_errors_are_null_and_times_are_there() {
+    let report = measured(&["--in-cache-only"]);
+    assert!(report["beyond_cache"].is_null());
+    for method in report["methods"].as_array().unwrap() {
+        assert!(method["rmse_median"].is_null() && method["worst_code"].is_null(), "{method}");
+        assert!(method["cpu_ms_per_frame"].as_f64().unwrap() > 0.0, "{method}");
+        assert!(method["errors_per_sky"].as_array().unwrap().is_empty(), "{method}");
+    }
+    for timing in named(&report["in_cache"]["timings"], "relume") {
+        assert!(timing["cpu_ms_per_frame_coefficients_reused"].as_f64().unwrap() > 0.0, "{timing}");
+    }
+}
+
+#[test]
+fn bad_arguments_are_named() {
+    relume_in(baked(), &["bench", "a.field", "--cache", "0"]).refused(2, &["--cache 0"]);
+    relume_in(baked(), &["bench", "a.field", "--sky", "none.hdr@10"]).refused(2, &["none.hdr"]);
+    relume_in(baked(), &["bench", "a.field", "--plot", "no/such/folder.png"]).refused(2, &["folder.png"]);
+}
