@@ -169,6 +169,11 @@ fn refuses_what_is_wrong_and_changes_nothing() {
 }
 
 #[test]
+fn skips_what_does_not_change_and_tells_what_does() {
+    started(check(), &["skipping", "a.field", "."]).well();
+}
+
+#[test]
 fn threads_show_what_one_thread_shows() {
     started(check(), &["threads", "a.field", "."]).well();
 }
@@ -201,20 +206,19 @@ fn small_formats_hold_the_nearest_codes() {
 #[test]
 fn premultiplied_colours_blend_by_coverage() {
     frames();
-    let (coverage, over_black, premultiplied) = (coverage(), shown(false), words("argb8888.raw"));
+    let mut relighter = Relighter::new(field(), 1);
+    relighter.set_weights(&light(1), 0.5).unwrap();
+    let (coverage, linear, premultiplied) = (coverage(), relighter.radiance().rgb, words("argb8888.raw"));
+    let curve = |v: f64| if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
     let mut edges = 0;
-    for ((&alpha, &black), &word) in coverage.iter().zip(&over_black).zip(&premultiplied) {
+    for ((&alpha, linear), &word) in coverage.iter().zip(&linear).zip(&premultiplied) {
         assert_eq!(word >> 24, u32::from(alpha));
         let share = f64::from(alpha) / 255.0;
-        for (code, black) in channels(word).into_iter().zip(channels(black)) {
-            // Over black in linear light it is the curve of share * colour; here it is share * curve of the colour.
-            let linear = |code: f64| relume_firmware::tone::srgb_linear(code);
-            let colour =
-                if alpha == 0 { 0.0 } else { relume_firmware::tone::srgb_code((linear(black) / share).min(1.0)) };
-            // Half a code of what is shown over black weighs more the less is covered.
-            let unsure = 0.5 + 0.5 * share * 12.92 / share.max(0.05) / 2.0;
-            assert!((code - share * colour).abs() <= unsure, "{code} instead of {} at {alpha}", share * colour);
-            assert!(code <= f64::from(alpha));
+        for (code, linear) in channels(word).into_iter().zip(linear) {
+            let colour = if alpha == 0 { 0.0 } else { 255.0 * curve((f64::from(*linear) * 0.5 / share).min(1.0)) };
+            // The colour is rounded, then its share.
+            let rounding = 0.5 * share + 0.5 + 0.05;
+            assert!((code - share * colour).abs() <= rounding, "{code} instead of {} at {alpha}", share * colour);
         }
         edges += usize::from(alpha > 0 && alpha < 255);
     }

@@ -1,4 +1,4 @@
-/* Checks of the C library: check errors|frames|threads FIELD [FOLDER]. Silent when all is well. */
+/* Checks of the C library: check errors|frames|skipping|threads FIELD [FOLDER]. Silent when all is well. */
 #include "check.h"
 
 bytes read_bytes(const char *path) {
@@ -123,6 +123,8 @@ int main(int argc, char **argv) {
         check_errors(field);
     } else if (strcmp(argv[1], "frames") == 0) {
         check_frames(field, argv[3]);
+    } else if (strcmp(argv[1], "skipping") == 0) {
+        check_skipping(field);
     } else {
         EXPECT(strcmp(argv[1], "threads") == 0);
         check_threads(field);

@@ -54,5 +54,6 @@ void show_view(const opened *it, canvas *on, const uint32_t *view, uint64_t sequ
 
 void check_errors(bytes field);
 void check_frames(bytes field, const char *folder);
+void check_skipping(bytes field);
 void check_threads(bytes field);
 #endif
