@@ -278,6 +278,15 @@ fn the_example_shows_what_relume_relight_shows() {
     assert!(outcome.stderr.contains("w.csv: not a Relume field"), "{}", outcome.stderr);
 }
 
+#[test]
+fn the_program_on_the_page_compiles() {
+    let page = include_str!("../../firmware/capi/README.md");
+    let program = page.split("```c\n").nth(1).unwrap().split("```").next().unwrap();
+    let source = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "capi-page-source").join("page.c");
+    put(&source, program);
+    compile("page", &[source.to_str().unwrap()], &["-c"]);
+}
+
 /// Symbols of a library that `nm` lists with these options.
 fn symbols(library: &str, options: &[&str]) -> BTreeSet<String> {
     let listed = run(tool("nm").args(options).arg(installed().join("lib").join(library))).well().stdout;
