@@ -36,20 +36,25 @@ fn installed() -> &'static Path {
     static PREFIX: OnceLock<PathBuf> = OnceLock::new();
     PREFIX.get_or_init(|| {
         let prefix = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "capi-installed");
-        let target_dir = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
-        let mut install = Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware/capi/install"));
-        install.arg(&prefix).env_remove("DESTDIR").env_remove("TARGET").env("CARGO_TARGET_DIR", target_dir);
-        if let Ok(target) = std::env::var("RELUME_CAPI_TARGET") {
-            install.env("TARGET", &target).env("CROSS_COMPILE", setting("RELUME_CAPI_CROSS", ""));
-            // Two compilers would drop each other's files from one folder.
-            install.env("CARGO_TARGET_DIR", target_dir.join("capi-cross"));
-        }
-        if let Ok(rustc) = std::env::var("RELUME_CAPI_RUSTC") {
-            install.env("RUSTC", rustc);
-        }
-        run(&mut install).well();
+        run(install().arg(&prefix)).well();
         prefix
     })
+}
+
+/// The installing script for the target.
+fn install() -> Command {
+    let target_dir = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
+    let mut install = Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware/capi/install"));
+    install.env_remove("DESTDIR").env_remove("TARGET").env("CARGO_TARGET_DIR", target_dir);
+    if let Ok(target) = std::env::var("RELUME_CAPI_TARGET") {
+        install.env("TARGET", &target).env("CROSS_COMPILE", setting("RELUME_CAPI_CROSS", ""));
+        // Two compilers would drop each other's files from one folder.
+        install.env("CARGO_TARGET_DIR", target_dir.join("capi-cross"));
+    }
+    if let Ok(rustc) = std::env::var("RELUME_CAPI_RUSTC") {
+        install.env("RUSTC", rustc);
+    }
+    install
 }
 
 /// Compiles C files as strictly as gcc can; `link` is what they are linked with.
@@ -320,6 +325,10 @@ fn installs_what_a_linker_looks_for() {
     let full = format!("librelume.so.{version}");
     assert_eq!(names(&lib), ["librelume.a", "librelume.so", &full, "librelume.so.1", "pkgconfig"]);
     assert_eq!(names(&installed().join("include")), ["relume.h"]);
+    let stage = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "capi-stage");
+    run(install().arg("/usr").env("DESTDIR", "package").current_dir(&stage)).well();
+    let staged = std::fs::read_to_string(stage.join("package/usr/lib/pkgconfig/relume.pc")).unwrap();
+    assert!(staged.starts_with("prefix=/usr\n"), "{staged}");
     let query = |option: &str| {
         let mut command = Command::new("pkg-config");
         command.args([option, "relume"]).env("PKG_CONFIG_PATH", lib.join("pkgconfig")).output()

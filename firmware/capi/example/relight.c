@@ -109,6 +109,19 @@ static void write_picture(const char *path, const uint32_t *pixels, uint32_t wid
     }
 }
 
+/* A framebuffer with rows a little apart, as display memory often has them. */
+static relume_frame make_frame(const relume_field_info *info, const uint32_t *view) {
+    relume_frame frame = {0};
+    frame.stride = ((size_t)info->width * 4 + 255) / 256 * 256;
+    frame.length = frame.stride * info->height;
+    frame.pixels = memory(frame.length);
+    frame.format = RELUME_FORMAT_XRGB8888;
+    frame.view = view;
+    frame.view_stride = (size_t)info->width * 4;
+    frame.view_length = frame.view_stride * info->height;
+    return frame;
+}
+
 int main(int argc, char **argv) {
     if (argc != 5 && argc != 6) {
         fail("usage", "relight FIELD W.csv EV OUT.ppm [VIEW.ppm]");
@@ -130,16 +143,8 @@ int main(int argc, char **argv) {
     check(argv[2], relume_set_light(object, &light));
     check(argv[2], relume_trace_sun(object, 0, info.bands)); /* nothing to do while the sun stands still */
 
-    /* Rows a little apart, as display memory often has them. */
-    relume_frame frame = {0};
-    frame.stride = ((size_t)info.width * 4 + 255) / 256 * 256;
-    frame.length = frame.stride * info.height;
-    frame.pixels = memory(frame.length);
-    frame.format = RELUME_FORMAT_XRGB8888;
     uint32_t *view = argc == 6 ? read_view(argv[5], info.width, info.height) : NULL;
-    frame.view = view;
-    frame.view_stride = (size_t)info.width * 4;
-    frame.view_length = frame.view_stride * info.height;
+    relume_frame frame = make_frame(&info, view);
     relume_report report = {0};
     check(argv[1], relume_relight(object, &frame, 0, info.bands, &report));
     write_picture(argv[4], frame.pixels, info.width, info.height, frame.stride);
