@@ -133,6 +133,11 @@ fn planes_of(entry: &[u8]) -> [usize; 3] {
 }
 
 impl PatchRows<'_> {
+    /// Bytes that it takes to read them.
+    pub fn bytes(&self) -> usize {
+        self.entry.len() + self.planes.len()
+    }
+
     /// What `code^2 * row scale code * 2^re` is multiplied by.
     pub fn unit(&self) -> f32 {
         libm::scalbnf(self.unit, i32::from(self.entry[3] >> 4))

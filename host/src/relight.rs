@@ -27,7 +27,7 @@ use relume_firmware::kernel::Kernel;
 use relume_firmware::relight::{Coefficients, LinearTile, TileLight};
 use relume_firmware::tile::TILE_PX;
 use relume_firmware::tone::ViewLight;
-use relume_firmware::weights::{FixedWeights, MAX_STANDOUTS, SunWeight, WeightError, standouts};
+use relume_firmware::weights::{SunWeight, WeightError};
 use std::time::Instant;
 use sunplane::SunPlane;
 use tiles::TileState;
@@ -111,6 +111,9 @@ impl<'f> Relighter<'f> {
             Budget::ErrorCodes(_) if self.field.bounds().is_none() => return Err(BudgetError::NoBounds),
             Budget::Time(time) if time.is_zero() => return Err(BudgetError::Time),
             _ => {}
+        }
+        if self.budget == budget {
+            return Ok(());
         }
         self.budget = budget;
         self.pace.free();
@@ -209,18 +212,21 @@ impl<'f> Relighter<'f> {
         let mut picture =
             Picture { width, height, rgb: vec![[0.0; 3]; width * height], alpha: vec![0.0; width * height] };
         let exposure = reading_exposure(&self.given, &self.field);
-        let mut weights = FixedWeights::dark(self.given.radiance.len());
+        let mut levels = Levels::new(&self.field);
         // The same weights were accepted before, and the exposure is finite.
-        let mut apart = [0u16; MAX_STANDOUTS];
-        let count = if self.levels.top() > 0 { standouts(&self.given.radiance, &mut apart) } else { 0 };
-        if weights.set(&self.given.radiance, self.given.sun.as_ref(), exposure, &apart[..count]).is_err() {
+        if levels.set(&self.field, &self.given, exposure).is_err() {
             return picture;
+        }
+        for level in 1..=levels.top() {
+            if self.blocks.iter().any(|block| block.level == level) {
+                levels.prepare(&self.field, level, &self.given, exposure);
+            }
         }
         let scale = 1.0 / f64::from(exposure);
         let (field, kernel) = (&self.field, self.kernel);
         let max_rank = self.pace.rank_limit.unwrap_or(usize::MAX);
-        let sun = self.given.sun.map(|_| (self.sun.plane(), weights.sun_q16()));
-        let light = TileLight { sun, weights: &weights };
+        let sun = self.given.sun.map(|_| (self.sun.plane(), levels.get(0).weights.sun_q16()));
+        let (levels, blocks) = (&levels, &self.blocks);
         let (columns, _) = field.response().grid();
         let bands = picture.rgb.par_chunks_mut(width * TILE_PX).zip(picture.alpha.par_chunks_mut(width * TILE_PX));
         install(self.pool.as_ref(), || {
@@ -229,7 +235,9 @@ impl<'f> Relighter<'f> {
                 for column in 0..columns {
                     let index = row * columns + column;
                     let tile = field.response().tile(index);
-                    coefficients.project(&tile, &weights, kernel, max_rank);
+                    let weights = &levels.get(blocks[field.response().block_of(index)].level).weights;
+                    let light = TileLight { sun, weights };
+                    coefficients.project(&tile, weights, kernel, max_rank);
                     coefficients.pixels(field, index, &light, kernel, &mut linear);
                     let coverage = field.coverage(index);
                     for (k, pixel) in tile.covered().enumerate() {

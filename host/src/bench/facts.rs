@@ -1,8 +1,8 @@
 //! What a field says about itself that the bench reports: covered pixels and bytes read.
 
 use relume_firmware::field::Field;
-use relume_firmware::tile::{TILE_PX, TILE_RECORD, padded};
-use relume_firmware::weights::FixedWeights;
+use relume_firmware::tile::{TILE_PX, TILE_RECORD};
+use relume_firmware::weights::{MAX_STANDOUTS, standouts};
 
 use super::method::BenchSky;
 
@@ -31,23 +31,28 @@ pub fn bytes_read(field: &Field<'_>, max_rank: usize, sun: bool) -> usize {
                 return TILE_RECORD;
             }
             let rank = tile.rank().min(max_rank.saturating_add(max_rank % 2));
-            let (pixels, patches) = (tile.padded_pixels(), padded(tiles.patches()));
+            let pixels = tile.padded_pixels();
             let planes = if sun { 12 } else { 6 };
             let coverage = field.coverage(index).map_or(0, <[u8]>::len);
-            TILE_RECORD + rank * (pixels + 3 * (patches + 2)) + planes * pixels + coverage
+            TILE_RECORD + rank * pixels + planes * pixels + coverage
         })
+        .chain((0..tiles.blocks()).map(|block| v_bytes(field, block)))
         .sum()
+}
+
+/// Bytes of a block's V, which its tiles share.
+fn v_bytes(field: &Field<'_>, block: usize) -> usize {
+    let tiles = field.response();
+    let covered = tiles.tiles_of(block).map(|index| tiles.tile(index)).find(|tile| tile.pixels() > 0);
+    covered.map_or(0, |tile| tile.v.len() + tile.v_scale.len())
 }
 
 /// Bytes of the way back that a full frame reads under a sky: the rows of the patches that outshine it.
 pub fn way_back_bytes(field: &Field<'_>, sky: &BenchSky) -> usize {
-    let mut weights = FixedWeights::dark(field.patch_set().len());
-    if weights.set(&sky.weights.radiance, sky.weights.sun.as_ref(), sky.exposure).is_err() {
-        return 0;
-    }
+    let mut patches = [0; MAX_STANDOUTS];
+    let count = standouts(&sky.weights.radiance, &mut patches);
     let tiles = field.response();
-    let rows = |index: usize, patch: u16| field.residuals().get(index, &tiles.tile(index), usize::from(patch));
-    let standouts = weights.standouts().iter();
-    let places = standouts.flat_map(|standout| (0..tiles.tiles()).map(move |index| (index, standout.patch)));
-    places.filter_map(|(index, patch)| rows(index, patch)).map(|row| row.codes.len()).sum()
+    let rows = |index: usize, patch: u16| field.way_back().get(index, &tiles.tile(index), usize::from(patch));
+    let places = patches[..count].iter().flat_map(|&patch| (0..tiles.tiles()).map(move |index| (index, patch)));
+    places.filter_map(|(index, patch)| rows(index, patch)).map(|rows| rows.bytes()).sum()
 }

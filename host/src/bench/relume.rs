@@ -45,7 +45,7 @@ impl<'f> Relighters<'f> {
 
     fn project(&mut self, sky: &BenchSky, budget: Budget) -> anyhow::Result<()> {
         let relighter = &mut self.relighters[self.next];
-        budget.set(relighter);
+        budget.set(relighter)?;
         relighter.set_weights(&sky.weights, sky.exposure)?;
         Ok(())
     }

@@ -9,7 +9,6 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 use relume_firmware::kernel::Kernel;
-use relume_firmware::relight::LINEAR_BITS;
 
 use super::arena::Arena;
 use super::columns::Blocks;
@@ -43,16 +42,15 @@ pub trait Summation: Sync {
 /// One thread's room for a block.
 struct Scratch {
     linear: [Vec<f32>; 3],
-    fixed: [Vec<i32>; 3],
     shown: Vec<u32>,
 }
 
 impl Scratch {
     fn new(block_px: usize) -> Self {
-        // The tone kernel takes a multiple of eight.
-        let padded = block_px.next_multiple_of(8);
+        // The tone kernel takes a multiple of 16.
+        let padded = block_px.next_multiple_of(16);
         let linear = [0, 1, 2].map(|_| vec![0.0; padded]);
-        Scratch { linear, fixed: [0, 1, 2].map(|_| vec![0; padded]), shown: vec![0; padded] }
+        Scratch { linear, shown: vec![0; padded] }
     }
 }
 
@@ -107,13 +105,10 @@ fn draw_blocks(sum: &impl Summation, kernel: Kernel, places: &[u32], job: Job<'_
     let Job { range, pixels, from, scratch } = job;
     for block in range {
         let places = &places[sum.blocks().range(block)];
-        let (n, padded) = (places.len(), places.len().next_multiple_of(8));
+        let (n, padded) = (places.len(), places.len().next_multiple_of(16));
         let [red, green, blue] = &mut scratch.linear;
         sum.sum(block, [&mut red[..n], &mut green[..n], &mut blue[..n]]);
-        for (fixed, linear) in scratch.fixed.iter_mut().zip(&scratch.linear) {
-            fixed.iter_mut().zip(&linear[..padded]).for_each(|(to, &value)| *to = fixed_of(value));
-        }
-        let [red, green, blue] = &scratch.fixed;
+        let [red, green, blue] = &scratch.linear;
         let shown = &mut scratch.shown[..padded];
         kernel.tone([&red[..padded], &green[..padded], &blue[..padded]], shown);
         let mut done = 0;
@@ -126,15 +121,6 @@ fn draw_blocks(sum: &impl Summation, kernel: Kernel, places: &[u32], job: Job<'_
         }
     }
 }
-
-/// The nearest whole number of a value held within display black and white, 0 for NaN: what the tone kernel takes. Adding
-/// 2^23 leaves it in the lowest bits, which every processor does for several values at once.
-fn fixed_of(value: f32) -> i32 {
-    let held = value.max(0.0).min((1u32 << LINEAR_BITS) as f32);
-    (held + MAGIC).to_bits() as i32 - MAGIC.to_bits() as i32
-}
-
-const MAGIC: f32 = (1u32 << 23) as f32;
 
 impl<S: Summation> Method for Rival<S> {
     fn name(&self) -> &'static str {
@@ -159,7 +145,7 @@ impl<S: Summation> Method for Rival<S> {
 
     fn frame(&mut self, sky: &BenchSky) -> anyhow::Result<()> {
         self.sum.move_on();
-        self.sum.project(&sky.weights, sky.exposure * (1u32 << LINEAR_BITS) as f32);
+        self.sum.project(&sky.weights, sky.exposure);
         self.draw();
         Ok(())
     }
@@ -193,19 +179,4 @@ impl<S: Summation> Method for Rival<S> {
 /// When the system gives no threads.
 pub fn pool(threads: usize) -> anyhow::Result<Arc<rayon::ThreadPool>> {
     Ok(Arc::new(rayon::ThreadPoolBuilder::new().num_threads(threads).build()?))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn fixed_point_is_rounded_and_held() {
-        let white = (1u32 << LINEAR_BITS) as f32;
-        for (value, fixed) in [(0.0, 0), (0.4, 0), (0.6, 1), (77_777.7, 77_778), (white - 1.0, (1 << 20) - 1)] {
-            assert_eq!(fixed_of(value), fixed);
-        }
-        assert_eq!([-5.0, f32::NAN, f32::NEG_INFINITY].map(fixed_of), [0; 3]);
-        assert_eq!([white, 2.0 * white, f32::INFINITY].map(fixed_of), [1 << 20; 3]);
-    }
 }

@@ -140,7 +140,7 @@ impl TileState {
     /// The largest change of a code that a change of the sky's light within `sky` and of the sun's within `sun` makes.
     fn codes(&self, sky: [[f32; 3]; 2], sun: [f32; 3]) -> f32 {
         let code = |c: usize| {
-            let brightness = self.drawn.extent.smallest[c];
+            let brightness = self.drawn.extent.smallest()[c];
             let steepest = LINEAR_SLOPE * sun[c];
             let after = brightness - sky[0][c] - sun[c];
             let slope = if after > 0.0 { 112.1 * after.powf(-relume_firmware::bound::DARK_POWER) } else { f32::MAX };
