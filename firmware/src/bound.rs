@@ -169,21 +169,59 @@ fn weighted_sum(codes: &[u8], squares: &[f32]) -> f32 {
     lanes.iter().sum()
 }
 
-/// The largest change of an 8-bit sRGB code, before rounding, that an error within `plain` and `weighted` (of
-/// [`Bounds::block`], one channel) makes in a tile.
-///
-/// `brightness` is the smallest linear value over row scale / 65535 of the tile's pixels (its light if every row were
-/// the brightest), `darkest_row` the smallest row scale / 65535 that is not black.
-pub fn code_bound(plain: f32, weighted: f32, brightness: f32, darkest_row: f32) -> f32 {
-    let steepest = LINEAR_SLOPE * plain;
-    // In the darkest pixel the error is the largest share of the light.
-    let share = weighted * libm::powf(darkest_row, DARK_POWER - 1.0) / brightness;
-    if !(brightness > 0.0 && share < 0.9) {
-        return steepest;
+/// The slope of the sRGB curve in codes per linear light, from above: a table over the octaves, eight steps in each.
+#[derive(Clone, Debug)]
+pub struct CodeSlope([f32; STEPS]);
+
+/// Steps from 2^-16 to 1.
+const STEPS: usize = 16 * 8;
+const FIRST_STEP: u32 = (127 - 16) << 3;
+
+impl CodeSlope {
+    /// Computes the table (512 bytes).
+    pub fn new() -> Self {
+        CodeSlope(core::array::from_fn(|step| {
+            let light = f32::from_bits((FIRST_STEP + step as u32) << 20);
+            // 255 * 1.055 / 2.4 * light^-0.583, and where the curve is a line, its slope.
+            (112.1 * libm::powf(light, -DARK_POWER)).min(LINEAR_SLOPE)
+        }))
     }
-    // Slope of the curve, 255 * 1.055 / 2.4 * light^-0.583, at the light that the error may have taken away from.
-    let slope = 112.1 * libm::powf(brightness * (1.0 - share), -DARK_POWER);
-    steepest.min(slope * weighted)
+
+    /// No slope at this light or above it is larger.
+    #[inline]
+    pub fn above(&self, light: f32) -> f32 {
+        let step = (light.to_bits() >> 20).wrapping_sub(FIRST_STEP) as usize;
+        // Light below the table, negative or not a number has the steepest slope.
+        if light >= 1.0 { self.0[STEPS - 1] } else { self.0.get(step).copied().unwrap_or(LINEAR_SLOPE) }
+    }
+
+    /// The largest change of an 8-bit sRGB code, before rounding, that an error within `plain` and `weighted` (of
+    /// [`Bounds::block`], one channel) makes in a tile.
+    ///
+    /// `brightness` is a linear value over (row scale / 65535) that no pixel of the tile falls below (its smallest linear
+    /// value will do), `dark_share` what [`dark_share`] says of its smallest row scale.
+    #[inline]
+    pub fn codes(&self, plain: f32, weighted: f32, brightness: f32, dark_share: f32) -> f32 {
+        let steepest = LINEAR_SLOPE * plain;
+        // In the darkest pixel the error is the largest share of the light.
+        let rest = brightness - weighted * dark_share;
+        if rest <= 0.1 * brightness || rest.is_nan() {
+            return steepest;
+        }
+        steepest.min(self.above(rest) * weighted)
+    }
+}
+
+impl Default for CodeSlope {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// How much more an error within a weighted bound matters in a pixel of the row scale `row` (over 65535) than in one of the
+/// largest: `row^(0.583 - 1)`.
+pub fn dark_share(row: f32) -> f32 {
+    libm::powf(row.max(1.0 / 65535.0), DARK_POWER - 1.0) * 1.0001
 }
 
 #[cfg(test)]
@@ -205,10 +243,11 @@ mod tests {
     /// Against the curve itself: no pixel of any row scale moves further than the bound says.
     #[test]
     fn code_bound_holds_on_the_curve() {
+        let slope = CodeSlope::new();
         for brightness in [0.003f32, 0.05, 0.3, 1.0] {
             for weighted in [1e-5f32, 1e-3, 0.01] {
                 for darkest in [1e-3f32, 0.05, 0.5, 1.0] {
-                    let bound = f64::from(code_bound(weighted, weighted, brightness, darkest));
+                    let bound = f64::from(slope.codes(weighted, weighted, brightness, dark_share(darkest)));
                     for k in 0..=50 {
                         let row = darkest.powf(k as f32 / 50.0);
                         let (light, error) = (row * brightness, row.powf(DARK_POWER) * weighted);

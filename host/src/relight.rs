@@ -21,6 +21,7 @@ use budget::Pace;
 use draw::{Drawing, Drew};
 use levels::Levels;
 use rayon::prelude::*;
+use relume_firmware::bound::CodeSlope;
 use relume_firmware::composite::{Compositor, ViewPixels};
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
@@ -37,6 +38,7 @@ pub struct Relighter<'f> {
     field: Field<'f>,
     kernel: Kernel,
     light: ViewLight,
+    slope: CodeSlope,
     pool: Option<rayon::ThreadPool>,
     /// One thread: frames run on the caller's, without handing over.
     alone: bool,
@@ -76,6 +78,7 @@ impl<'f> Relighter<'f> {
             field,
             kernel,
             light: ViewLight::new(),
+            slope: CodeSlope::new(),
             alone: threads == 1 || pool.is_none(),
             pool,
             levels: Levels::new(&field),
@@ -320,6 +323,7 @@ impl<'f> Relighter<'f> {
             levels: &self.levels,
             blocks: &self.blocks,
             sun: self.given.sun.map(|_| (self.sun.plane(), sun_q16)),
+            slope: &self.slope,
             view: view.identity,
             rank_limit: self.pace.rank_limit,
             same_weights: !self.new_weights,

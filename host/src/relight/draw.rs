@@ -3,6 +3,7 @@
 use super::blocks::Block;
 use super::levels::Levels;
 use super::tiles::TileState;
+use relume_firmware::bound::CodeSlope;
 use relume_firmware::composite::{Compositor, Target};
 use relume_firmware::field::Field;
 use relume_firmware::relight::{Coefficients, LinearTile, TileLight};
@@ -40,6 +41,7 @@ pub(super) struct Drawing<'a> {
     pub(super) levels: &'a Levels,
     pub(super) blocks: &'a [Block],
     pub(super) sun: Option<(&'a [u16], [u32; 3])>,
+    pub(super) slope: &'a CodeSlope,
     pub(super) view: u64,
     pub(super) rank_limit: Option<usize>,
     /// Are weights and exposure the same as in the frame before?
@@ -69,8 +71,9 @@ impl Drawing<'_> {
                     surface_y0: row * TILE_PX,
                     at: (column * TILE_PX, row * TILE_PX),
                 };
-                let coefficients = self.limited(block);
-                let extent = self.compositor.tile(self.field, index, (&coefficients, &light), &mut linear, target);
+                let limited = self.limited(block);
+                let coefficients = limited.as_ref().unwrap_or(&block.coefficients);
+                let extent = self.compositor.tile(self.field, index, (coefficients, &light), &mut linear, target);
                 state.note(index, self, block, extent);
                 drew.drawn += usize::from(!state.empty);
                 drew.way_back += usize::from(block.level > 0 && !state.empty);
@@ -87,12 +90,11 @@ impl Drawing<'_> {
         self.sun.map_or([0; 3], |(_, q16)| q16)
     }
 
-    /// The block's coefficients with no more ranks than the frame allows.
-    pub(super) fn limited(&self, block: &Block) -> Coefficients {
+    /// The block's coefficients with no more ranks than the frame allows; `None` if it allows all.
+    pub(super) fn limited(&self, block: &Block) -> Option<Coefficients> {
+        let limit = self.rank_limit.filter(|&limit| limit < block.coefficients.rank())?;
         let mut coefficients = block.coefficients;
-        if let Some(limit) = self.rank_limit {
-            coefficients.limit_rank(limit);
-        }
-        coefficients
+        coefficients.limit_rank(limit);
+        Some(coefficients)
     }
 }

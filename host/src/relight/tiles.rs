@@ -2,13 +2,12 @@
 
 use super::blocks::Block;
 use super::draw::Drawing;
-use relume_firmware::bound::code_bound;
+use relume_firmware::bound::{CodeSlope, dark_share};
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Extent;
 use relume_firmware::relight::{Coefficients, SUN_UNIT};
 use relume_firmware::coefficients::TileReach;
 use relume_firmware::tile::{TILE_PIXELS, Tile};
-use relume_firmware::tone::LINEAR_SLOPE;
 use relume_firmware::weights::{Apart, FixedWeights, MAX_STANDOUTS};
 
 /// What a tile showed when it was last drawn.
@@ -41,8 +40,8 @@ pub(super) struct TileState {
     pub(super) empty: bool,
     /// See [`TileReach`].
     reach: Vec<f32>,
-    /// Smallest row scale / 65535 that is not black, per channel.
-    darkest_row: [f32; 3],
+    /// [`dark_share`] of the smallest row scale that is not black, per channel.
+    dark_share: [f32; 3],
     /// Bounds of what is shown now: linear, and codes with rounding.
     pub(super) shown_bound: (f32, f32),
 }
@@ -74,7 +73,7 @@ impl TileState {
             shows_view: tile.pixels() < TILE_PIXELS || field.coverage(index).is_some(),
             empty: tile.pixels() == 0,
             reach,
-            darkest_row: darkest_row(&tile),
+            dark_share: darkest_row(&tile).map(dark_share),
             shown_bound: (0.0, 0.0),
         }
     }
@@ -90,19 +89,20 @@ impl TileState {
         let tile = drawing.field.response().tile(index);
         let weights = &drawing.levels.get(block.level).weights;
         let Some(rows) = self.rows_change(index, &tile, drawing, weights) else { return false };
-        let coefficients = drawing.limited(block);
+        let limited = drawing.limited(block);
+        let coefficients = limited.as_ref().unwrap_or(&block.coefficients);
         let mut moved = coefficients.change_bound(&self.drawn.coefficients, &tile, &TileReach(&self.reach));
         for c in 0..3 {
             moved.iter_mut().for_each(|kind| kind[c] += rows[c]);
         }
-        let codes = self.codes(moved, self.sun_change(drawing.sun_q16()));
+        let codes = self.codes(drawing.slope, moved, self.sun_change(drawing.sun_q16()));
         if codes >= HALF_CODE {
             return false;
         }
         for (moved, bound) in moved.iter_mut().flatten().zip(self.drawn.bound.iter().flatten()) {
             *moved += bound;
         }
-        self.note_bound(moved);
+        self.note_bound(drawing.slope, moved);
         true
     }
 
@@ -110,11 +110,12 @@ impl TileState {
     pub(super) fn note(&mut self, index: usize, drawing: &Drawing<'_>, block: &Block, extent: Extent) {
         let tile = drawing.field.response().tile(index);
         let weights = &drawing.levels.get(block.level).weights;
-        let coefficients = drawing.limited(block);
+        let limited = drawing.limited(block);
+        let coefficients = limited.as_ref().unwrap_or(&block.coefficients);
         let rounding = coefficients.rounding_bound(&block.coefficients, &tile);
         let rows = rows_error(index, &tile, drawing.field, weights);
         let drawn = &mut self.drawn;
-        drawn.coefficients.copy_from(&coefficients);
+        drawn.coefficients.copy_from(coefficients);
         drawn.sun_q16 = drawing.sun_q16();
         drawn.apart_count = 0;
         for apart in weights.apart().take(MAX_STANDOUTS) {
@@ -129,23 +130,20 @@ impl TileState {
         self.is_drawn = true;
         self.sun_drift = 0;
         let bound = self.drawn.bound;
-        self.note_bound(bound);
+        self.note_bound(drawing.slope, bound);
     }
 
-    fn note_bound(&mut self, bound: [[f32; 3]; 2]) {
+    fn note_bound(&mut self, slope: &CodeSlope, bound: [[f32; 3]; 2]) {
         let linear = bound[0].iter().fold(0.0f32, |all, &b| all.max(b));
-        self.shown_bound = (linear, self.codes(bound, [0.0; 3]) + CODE_ROUNDING);
+        self.shown_bound = (linear, self.codes(slope, bound, [0.0; 3]) + CODE_ROUNDING);
     }
 
     /// The largest change of a code that a change of the sky's light within `sky` and of the sun's within `sun` makes.
-    fn codes(&self, sky: [[f32; 3]; 2], sun: [f32; 3]) -> f32 {
+    fn codes(&self, slope: &CodeSlope, sky: [[f32; 3]; 2], sun: [f32; 3]) -> f32 {
+        let smallest = self.drawn.extent.smallest();
         let code = |c: usize| {
-            let brightness = self.drawn.extent.smallest()[c];
-            let steepest = LINEAR_SLOPE * sun[c];
-            let after = brightness - sky[0][c] - sun[c];
-            let slope = if after > 0.0 { 112.1 * after.powf(-relume_firmware::bound::DARK_POWER) } else { f32::MAX };
-            let sun = if sun[c] > 0.0 { steepest.min(slope * sun[c]) } else { 0.0 };
-            code_bound(sky[0][c], sky[1][c], brightness, self.darkest_row[c]) + sun
+            let sun_codes = if sun[c] > 0.0 { slope.above(smallest[c] - sky[0][c] - sun[c]) * sun[c] } else { 0.0 };
+            slope.codes(sky[0][c], sky[1][c], smallest[c], self.dark_share[c]) + sun_codes
         };
         code(0).max(code(1)).max(code(2))
     }
