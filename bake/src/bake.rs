@@ -1,7 +1,8 @@
 //! The job: scene -> response -> tiles -> field bytes, tile by tile.
 
+use crate::bouncepoints::BouncePoints;
 use crate::camera::Camera;
-use crate::compress::{CompressedTile, Target, compress, patch_residuals};
+use crate::compress::{Target, compress, patch_residuals};
 use crate::encode::{TileBytes, mask_of, residual_block};
 use crate::prior::Prior;
 use crate::progress::Progress;
@@ -103,6 +104,7 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     });
     let stack = stack.transpose()?;
     let job = Job {
+        bounce: transport.bounce_points(),
         transport,
         compression: Compression::new(&patches, options.error),
         casters: CasterLayers::new(scene),
@@ -119,7 +121,7 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     }
     report.finish(&writer, started.elapsed());
     let header = header(camera, patches, options);
-    let bytes = writer.into_bytes(header, job.casters.casters, job.casters.nodes, &report.to_json());
+    let bytes = writer.into_bytes(header, [job.casters.casters, job.casters.nodes, job.bounce.layer()], &report.to_json());
     Ok(Baked { bytes, report })
 }
 
@@ -148,37 +150,28 @@ fn header(camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Header {
 /// Turns responses into tile bytes.
 struct Compression {
     skies: Prior,
-    suns: Prior,
     target: Target,
-    sun_target: Target,
     patches: PatchSet,
 }
-
-/// Indirect sunlight is a fifth of the light or less, and its interpolation is no better than this.
-const SUN_INDIRECT_ERROR: f64 = 0.02;
-const SUN_INDIRECT_RANK: usize = 8;
 
 impl Compression {
     fn new(patches: &PatchSet, error: f64) -> Self {
         Compression {
             skies: Prior::skies(patches),
-            suns: Prior::sun_interpolation(patches),
             target: Target { error, ..Target::default() },
-            sun_target: Target { error: SUN_INDIRECT_ERROR, max_rank: SUN_INDIRECT_RANK },
             patches: *patches,
         }
     }
 
-    fn tile(&self, tile: &TileResponse, casters: &CasterLayers) -> FieldTile {
+    fn tile(&self, tile: &TileResponse, casters: &CasterLayers, bounce: Vec<u8>) -> FieldTile {
         let patches = self.patches.len();
         let mask = mask_of(&tile.covered, tile.w.max(1));
-        let encode = |compressed: &CompressedTile| TileBytes::new(compressed, mask, patches);
         let coverage = tile.covered.iter().map(|&at| tile.coverage[usize::from(at)]);
         let response = compress(&tile.response, patches, &self.skies, &self.target);
         FieldTile {
             residuals: residual_block(&patch_residuals(&tile.response, patches, &response), response.pixels),
-            response: encode(&response),
-            sun_indirect: encode(&compress(&tile.indirect, patches, &self.suns, &self.sun_target)),
+            response: TileBytes::new(&response, mask, patches),
+            bounce,
             // A pixel in the mask is covered, however little.
             coverage: coverage.map(|share| (share * 255.0).round().clamp(1.0, 255.0) as u8).collect(),
             fragments: casters.fragments(&tile.fragments),
@@ -190,6 +183,7 @@ struct Job<'s> {
     transport: Transport<'s>,
     compression: Compression,
     casters: CasterLayers,
+    bounce: BouncePoints,
     stack: Option<StackWriter>,
     stack_sun: Option<Vec3>,
 }
@@ -228,6 +222,7 @@ impl Job<'_> {
             let sun = self.stack_sun.map(|dir| self.transport.sun_tile(tx, ty, dir));
             stack.write_tile(&response, sun.as_deref())?;
         }
-        Ok(self.compression.tile(&response, &self.casters))
+        let bounce = self.transport.bounce_block(&self.bounce, &response);
+        Ok(self.compression.tile(&response, &self.casters, bounce))
     }
 }

@@ -1,6 +1,7 @@
 //! Offline tool of Relume: scene -> response -> tiles -> field file.
 mod accessor;
 pub mod bake;
+pub mod bouncepoints;
 pub mod camera;
 pub mod cli;
 pub mod compress;
@@ -12,6 +13,7 @@ pub mod fragments;
 pub mod geometry;
 mod gltf_file;
 pub mod info;
+mod leading;
 mod path;
 pub mod prior;
 pub mod progress;
@@ -19,9 +21,11 @@ pub mod report;
 pub mod response;
 pub mod scene;
 pub mod stack;
+mod sobol;
 mod strata;
 pub mod sun;
 pub mod sunlayers;
 pub mod texture;
+pub mod transfer;
 pub mod viewpoint;
 pub mod write;

@@ -29,8 +29,9 @@
 //! layers of version 1 (an unknown kind without flag bit 0 is passed over)
 //!   TILE RESU RESV ROWS   the response: a tile set (below)
 //!   COVR                  coverage, u8 per covered pixel, 255 = whole; slots of whole tiles may be left out
-//!   SUNT SUNU SUNV SUNR   indirect sunlight: a tile set with the same masks, read only when the sun moves
-//!   CAST CBVH FRGT FRAG   direct sunlight: surfaces, their bounding volumes, and what each pixel sees (sunlight.rs)
+//!   CAST CBVH FRGT FRAG   direct sunlight: surfaces, their bounding volumes (casters.rs), and what each pixel sees
+//!                         (sunlight.rs); like the next, read only when the sun moves
+//!   BPNT BTIL BNCE        indirect sunlight: points where the sun is looked for, and what tiles receive (bounce.rs)
 //!   RSDT RSDL             residuals of single patches, read only while a patch outshines the sky (residual.rs);
 //!                         may be left out
 //!   META                  UTF-8 JSON about the bake, for people
@@ -50,6 +51,7 @@
 //! response[x][c][i] = rows[c][x] 2^re[c] * sum_k U[x][k] * V[c][k][i] * scale[c][k] 2^ve[c]
 //! ```
 
+use crate::bounce::Bounce;
 pub use crate::header::{CameraRecord, Header, Layer};
 use crate::header::{u16_at, u32_at, u64_at};
 use crate::patches::{MAX_PATCHES, PatchError, PatchSet};
@@ -78,9 +80,9 @@ pub const MAX_LAYERS: u32 = 256;
 pub type LayerKind = [u8; 4];
 
 /// Kinds that this version reads.
-pub const KNOWN_LAYERS: [LayerKind; 16] = [
-    *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"SUNT", *b"SUNU", *b"SUNV", *b"SUNR", *b"CAST", *b"CBVH",
-    *b"FRGT", *b"FRAG", *b"META", *b"RSDT", *b"RSDL",
+pub const KNOWN_LAYERS: [LayerKind; 15] = [
+    *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"CAST", *b"CBVH", *b"FRGT", *b"FRAG", *b"BPNT", *b"BTIL",
+    *b"BNCE", *b"META", *b"RSDT", *b"RSDL",
 ];
 
 /// What is wrong with a field; each message says what to do.
@@ -159,8 +161,8 @@ pub struct Field<'a> {
     response: TileSet<'a>,
     coverage: &'a [u8],
     residuals: Residuals<'a>,
-    sun_indirect: TileSet<'a>,
     sun_surfaces: SunSurfaces<'a>,
+    bounce: Bounce<'a>,
     meta: &'a [u8],
 }
 
@@ -187,25 +189,18 @@ impl<'a> Field<'a> {
             size,
             patches,
         )?;
-        let sun_indirect = TileSet::check(
-            [layer(*b"SUNT")?, layer(*b"SUNU")?, layer(*b"SUNV")?, layer(*b"SUNR")?],
-            None,
-            tiles,
-            size,
-            patches,
-        )?;
-        check_same_masks(&response, &sun_indirect)?;
         if response.covered() != header.covered as usize {
             return Err(FieldError::Invalid("count of covered pixels"));
         }
         let sun_surfaces =
             SunSurfaces::check([layer(*b"CAST")?, layer(*b"CBVH")?, layer(*b"FRGT")?, layer(*b"FRAG")?], &response)?;
+        let bounce = Bounce::check([layer(*b"BPNT")?, layer(*b"BTIL")?, layer(*b"BNCE")?], &response)?;
         let residuals = match (find_layer(bytes, *b"RSDT"), find_layer(bytes, *b"RSDL")) {
             (Some(places), Some(blocks)) => Residuals::check(places, blocks, &response)?,
             _ => Residuals::NONE,
         };
         let meta = find_layer(bytes, *b"META").unwrap_or(&[]);
-        Ok(Field { bytes, header, response, coverage, residuals, sun_indirect, sun_surfaces, meta })
+        Ok(Field { bytes, header, response, coverage, residuals, sun_surfaces, bounce, meta })
     }
 
     /// The header's facts.
@@ -243,14 +238,14 @@ impl<'a> Field<'a> {
         self.residuals
     }
 
-    /// The indirect part of the response to the sun.
-    pub fn sun_indirect(&self) -> TileSet<'a> {
-        self.sun_indirect
-    }
-
     /// Surfaces for the direct part of the response to the sun.
     pub fn sun_surfaces(&self) -> SunSurfaces<'a> {
         self.sun_surfaces
+    }
+
+    /// Points and tiles for the indirect part of the response to the sun.
+    pub fn bounce(&self) -> Bounce<'a> {
+        self.bounce
     }
 
     /// Coverage of the tile's covered pixels in mask order, 255 = whole; `None` where all are whole.
@@ -329,11 +324,6 @@ fn check_layer(bytes: &[u8], layer: &Layer) -> Result<(), FieldError> {
         return Err(FieldError::Checksum(Some(layer.kind)));
     }
     Ok(())
-}
-
-fn check_same_masks(a: &TileSet<'_>, b: &TileSet<'_>) -> Result<(), FieldError> {
-    let same = (0..a.tiles()).all(|tile| a.record(tile)[..32] == b.record(tile)[..32]);
-    if same { Ok(()) } else { Err(FieldError::Invalid("mask of the indirect sunlight")) }
 }
 
 const _: () = assert!(TILE_RECORD == 64);

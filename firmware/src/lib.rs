@@ -3,19 +3,23 @@
 //! `no_std`, no allocation, no operating system. The host program and the C interface lend it bytes and buffers.
 #![cfg_attr(not(any(test, feature = "std")), no_std)]
 
+pub mod bounce;
+pub mod casters;
 pub mod composite;
+pub mod direct;
 pub mod field;
 #[cfg(feature = "std")]
 pub mod glue;
 mod header;
-pub mod interpolate;
 pub mod kernel;
 pub mod overlay;
 pub mod patches;
+pub mod pixelpoints;
 pub mod relight;
 pub mod residual;
 pub mod sunlight;
 pub mod surface;
 pub mod tile;
 pub mod tone;
+mod vector;
 pub mod weights;

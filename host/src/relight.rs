@@ -219,7 +219,7 @@ impl<'f> Relighter<'f> {
         self.counters.sun_up = sun.is_some();
         self.counters.sun_traced = false;
         if let Some(sun) = sun {
-            let changes = self.sun.follow(&self.field, sun.dir_world, self.kernel, self.pool.as_ref());
+            let changes = self.sun.follow(&self.field, sun.dir_world, self.pool.as_ref());
             self.counters.sun_traced = changes.is_some();
             for (state, change) in self.states.iter_mut().zip(changes.unwrap_or(&[])) {
                 state.sun_drift = state.sun_drift.saturating_add(change.largest);
