@@ -31,7 +31,7 @@ pub(crate) const SUNS: usize = 128;
 
 /// The points and their tree.
 pub struct BouncePoints {
-    /// `[node]`, from 1: axis (0..3 place, 3..6 normal) and where the second child begins.
+    /// `[node]`, from 1: axis (0..3 place, 3..6 normal) and where along it the second child begins.
     splits: Vec<(u8, f32)>,
     /// In the order of the leaves; a power of two, or none.
     points: Vec<Vertex>,
@@ -41,14 +41,17 @@ pub struct BouncePoints {
     pub(crate) power: Vec<f32>,
 }
 
-/// Paths that look for points, in all; about two of their surfaces each become candidates.
-const SCOUTS: u32 = 1 << 19;
+/// Paths that look for points, in all, were every pixel to see something; about one surface of each becomes a candidate.
+const SCOUTS: u32 = 1 << 23;
+/// A surface nearer than this to the one that it lights, in pixels there, is a candidate in any case; further ones become
+/// one the less often, by the square root of their distance: shadows on near surfaces show in single pixels, those on far ones only in the mean.
+const NEAR_PX: f32 = 8.0;
 /// Most pixels that send them.
 const SCOUTING_PIXELS: u32 = 1 << 17;
 /// Covered pixels per point, about.
-const PIXELS_PER_POINT: usize = 3;
+const PIXELS_PER_POINT: usize = 2;
 /// Fewest points, where there are candidates enough.
-const FEWEST_POINTS: usize = 1 << 13;
+const FEWEST_POINTS: usize = 1 << 14;
 /// Candidates per point at least.
 const CANDIDATES_PER_POINT: usize = 8;
 
@@ -56,7 +59,7 @@ impl Transport<'_> {
     /// Finds the points for this view. Depends on the seed only.
     pub fn bounce_points(&self) -> BouncePoints {
         let stride = (self.width * self.height).div_ceil(SCOUTING_PIXELS);
-        let scouts = (SCOUTS * stride / (self.width * self.height)).clamp(4, 256).next_power_of_two();
+        let scouts = (SCOUTS / (self.width * self.height / stride)).clamp(4, 256).next_power_of_two();
         let pixels = 0..self.width * self.height / stride;
         let found: Vec<Option<Vec<Vertex>>> = pixels
             .into_par_iter()
@@ -84,9 +87,15 @@ impl Transport<'_> {
         for path in 0..scouts {
             let surface = seen.get(rng.next_u32() as usize % seen.len().max(1))?;
             let own = surface.albedo.max(Vec3A::splat(1e-6));
+            let from_eye = surface.position.distance(self.view.position.as_vec3a());
+            let footprint = NEAR_PX * self.view.pixel_angle() * from_eye;
+            let mut before = surface.position;
             self.tracer.walk(surface, two_squares(path, seed), &mut rng, |surface, throughput, _, rng| {
                 let relayed = (throughput / own * surface.albedo).element_sum() / 3.0;
-                if rng.unit() < relayed {
+                let distance = surface.position.distance(before);
+                before = surface.position;
+                let near = (footprint / distance).min(1.0).sqrt();
+                if rng.unit() < relayed * near {
                     found.push(Vertex { position: surface.position, normal: surface.normal });
                 }
             });
@@ -142,17 +151,22 @@ impl BouncePoints {
     }
 }
 
-/// Splits a node's candidates in halves down to `leaves` leaves, of which each keeps the candidate nearest to its middle.
-fn cut(own: &mut [Vertex], node: usize, leaves: usize, points: &mut Vec<Vertex>) -> Vec<(usize, (u8, f32))> {
+/// A node, its axis and where its second child begins.
+type Split = (usize, (u8, f32));
+
+/// Splits a node's candidates down to `leaves` leaves, each of which keeps the candidate nearest to its middle.
+fn cut(own: &mut [Vertex], node: usize, leaves: usize, points: &mut Vec<Vertex>) -> Vec<Split> {
     if leaves == 1 {
         points.push(middle_one(own));
         return Vec::new();
     }
-    let axis = widest(own);
-    let half = own.len() / 2;
-    own.select_nth_unstable_by(half, |a, b| a.along(axis).total_cmp(&b.along(axis)));
-    let from = own[half].along(axis);
-    let (first, second) = own.split_at_mut(half);
+    let found = axes(own).into_iter().find_map(|axis| halve(own, axis).map(|(at, from)| (at, axis, from)));
+    let Some((at, axis, from)) = found else {
+        // All alike: one of them stands for the whole subtree, whichever leaf a place falls into.
+        points.extend(std::iter::repeat_n(own[0], leaves));
+        return Vec::new();
+    };
+    let (first, second) = own.split_at_mut(at);
     let mut others = Vec::new();
     let (mut splits, more) = rayon::join(
         || cut(first, 2 * node, leaves / 2, points),
@@ -164,8 +178,29 @@ fn cut(own: &mut [Vertex], node: usize, leaves: usize, points: &mut Vec<Vertex>)
     splits
 }
 
-/// The axis along which candidates differ most; normals count by the size of the place they are spread over.
-fn widest(own: &[Vertex]) -> u8 {
+/// Puts the candidates below a value along `axis` first, as near to half of them as can be without parting equals (walls
+/// of one direction are equal along three axes). Returns their number and the value; `None` when all are equal.
+fn halve(own: &mut [Vertex], axis: u8) -> Option<(usize, f32)> {
+    let half = own.len() / 2;
+    let (_, middle, _) = own.select_nth_unstable_by(half, |a, b| a.along(axis).total_cmp(&b.along(axis)));
+    let middle = middle.along(axis);
+    let below = own.iter().filter(|v| v.along(axis) < middle).count();
+    let next = own.iter().map(|v| v.along(axis)).filter(|&v| v > middle).fold(f32::INFINITY, f32::min);
+    let to_next = own.iter().filter(|v| v.along(axis) < next).count();
+    let lower_is_nearer = half - below <= to_next - half;
+    let (at, from) = match (below > 0, to_next < own.len()) {
+        (true, false) => (below, middle),
+        (true, true) if lower_is_nearer => (below, middle),
+        (_, true) => (to_next, next),
+        (false, false) => return None,
+    };
+    own.select_nth_unstable_by(at, |a, b| a.along(axis).total_cmp(&b.along(axis)));
+    Some((at, from))
+}
+
+/// The axes, the one along which candidates differ most first; normals count by the size of the place they are spread
+/// over.
+fn axes(own: &[Vertex]) -> [u8; 6] {
     let (mut sums, mut squares) = ([Vec3A::ZERO; 2], [Vec3A::ZERO; 2]);
     // Sums about one of them keep their precision far from the origin.
     let about = own[0].position;
@@ -178,9 +213,10 @@ fn widest(own: &[Vertex]) -> u8 {
     let count = own.len() as f32;
     let [place, normal] = [0, 1].map(|k| squares[k] / count - (sums[k] / count) * (sums[k] / count));
     let normal = normal * (NORMAL_SPREAD * place.element_sum());
-    let all = place.to_array().into_iter().chain(normal.to_array());
-    let widest = all.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
-    widest.map_or(0, |(axis, _)| axis as u8)
+    let spread = [place.x, place.y, place.z, normal.x, normal.y, normal.z];
+    let mut axes = [0, 1, 2, 3, 4, 5];
+    axes.sort_by(|&a, &b| spread[usize::from(b)].total_cmp(&spread[usize::from(a)]));
+    axes
 }
 
 /// How much more the variance of normals counts than that of places, taken over the node's size.

@@ -16,7 +16,7 @@ const SUN_RAYS: u32 = 64;
 
 /// Noise of a pixel's indirect light that the number of its paths aims at, were they random and not evenly spread: a
 /// radiance, under irradiance 1; white paint shows 0.32.
-const SUN_NOISE: f32 = 2.5e-4;
+const SUN_NOISE: f32 = 5e-4;
 
 /// Directions of the sun's disc, uniform in solid angle.
 struct Disc {

@@ -13,13 +13,13 @@ use crate::strata::Rng;
 type Received = Vec<(u32, [f32; 3])>;
 
 /// Nodes that the rank is chosen with.
-const NODES_WEIGHED: usize = 512;
+const NODES_WEIGHED: usize = 640;
 /// Most nodes that a tile keeps.
 const NODES_KEPT: usize = 256;
 /// Largest rank of a tile.
 const RANK: usize = 16;
 /// Relative error (rms over suns and pixels) that rank and nodes may cost, each.
-const ERROR: f32 = 0.004;
+const ERROR: f32 = 0.005;
 
 impl Transport<'_> {
     /// The block of BNCE of the tile with the response `tile`; empty if no light comes from the points.
