@@ -121,7 +121,8 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     }
     report.finish(&writer, started.elapsed());
     let header = header(camera, patches, options);
-    let bytes = writer.into_bytes(header, [job.casters.casters, job.casters.nodes, job.bounce.layer()], &report.to_json());
+    let bytes =
+        writer.into_bytes(header, [job.casters.casters, job.casters.nodes, job.bounce.layer()], &report.to_json());
     Ok(Baked { bytes, report })
 }
 
@@ -156,11 +157,7 @@ struct Compression {
 
 impl Compression {
     fn new(patches: &PatchSet, error: f64) -> Self {
-        Compression {
-            skies: Prior::skies(patches),
-            target: Target { error, ..Target::default() },
-            patches: *patches,
-        }
+        Compression { skies: Prior::skies(patches), target: Target { error, ..Target::default() }, patches: *patches }
     }
 
     fn tile(&self, tile: &TileResponse, casters: &CasterLayers, bounce: Vec<u8>) -> FieldTile {

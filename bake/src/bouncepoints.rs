@@ -168,10 +168,8 @@ fn cut(own: &mut [Vertex], node: usize, leaves: usize, points: &mut Vec<Vertex>)
     };
     let (first, second) = own.split_at_mut(at);
     let mut others = Vec::new();
-    let (mut splits, more) = rayon::join(
-        || cut(first, 2 * node, leaves / 2, points),
-        || cut(second, 2 * node + 1, leaves / 2, &mut others),
-    );
+    let (mut splits, more) =
+        rayon::join(|| cut(first, 2 * node, leaves / 2, points), || cut(second, 2 * node + 1, leaves / 2, &mut others));
     points.append(&mut others);
     splits.extend(more);
     splits.push((node, (axis, from)));

@@ -290,4 +290,4 @@ fn uniform(seen: &Seen) -> bool {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -93,7 +93,11 @@ mod tests {
             };
             assert_eq!(distinct(&|p| (p[0].x * 4.0) as u32 + 4 * (p[0].y * 4.0) as u32), 16);
             for dimension in 0..4 {
-                assert_eq!(distinct(&|p| (p[dimension / 2].to_array()[dimension % 2] * 16.0) as u32), 16, "{dimension}");
+                assert_eq!(
+                    distinct(&|p| (p[dimension / 2].to_array()[dimension % 2] * 16.0) as u32),
+                    16,
+                    "{dimension}"
+                );
             }
         }
         assert_ne!(two_squares(3, 1), two_squares(3, 2));

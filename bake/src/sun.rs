@@ -109,3 +109,6 @@ impl Transport<'_> {
         surface.albedo * (cosine * passed * std::f32::consts::FRAC_1_PI)
     }
 }
+
+#[cfg(test)]
+mod tests;

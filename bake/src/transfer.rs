@@ -167,7 +167,10 @@ impl Weights {
         let units = self.rows.each_ref().map(|row| row.iter().fold(0.0f32, |m, &v| m.max(v)) / 65535.0);
         let floats = |block: &mut Vec<u8>, value: f32| block.extend_from_slice(&value.to_le_bytes());
         units.iter().for_each(|&unit| floats(&mut block, unit));
-        right.iter().flat_map(|right| right.column(0).iter().copied().collect::<Vec<_>>()).for_each(|v| floats(&mut block, v));
+        right
+            .iter()
+            .flat_map(|right| right.column(0).iter().copied().collect::<Vec<_>>())
+            .for_each(|v| floats(&mut block, v));
         let v_unit = |row: nalgebra::RowDVector<f32>| kept.iter().fold(0.0f32, |m, &j| m.max(row[j].abs())) / 127.0;
         let v_units = right.each_ref().map(|r| r.row_iter().map(|row| v_unit(row.into_owned())).collect::<Vec<f32>>());
         v_units.iter().flatten().for_each(|&unit| floats(&mut block, unit));

@@ -118,7 +118,9 @@ impl<'a> Bounce<'a> {
     /// Cosine times visibility of the sun for points `first..first + out.len()`.
     pub(crate) fn light(&self, casters: &Casters<'_>, disc: &SunDisc, first: usize, out: &mut [f32]) {
         for (k, value) in out.iter_mut().enumerate() {
-            let Some(point) = self.points.get((first + k) * BOUNCE_POINT..(first + k + 1) * BOUNCE_POINT) else { return };
+            let Some(point) = self.points.get((first + k) * BOUNCE_POINT..(first + k + 1) * BOUNCE_POINT) else {
+                return;
+            };
             let normal = unit([12, 13, 14].map(|at| f32::from(point[at] as i8)));
             let light = disc.direction(first + k);
             let cosine = dot(normal, light);
@@ -162,5 +164,46 @@ impl<'a> Bounce<'a> {
 pub fn mean_up(means: &mut [f32]) {
     for node in (1..means.len() / 2).rev() {
         means[node] = 0.5 * (means[2 * node] + means[2 * node + 1]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use std::vec::Vec;
+
+    /// One pixel, rank 1, node 2 of four points: every part fills whole words.
+    fn block() -> Vec<u8> {
+        let mut bytes = Vec::from([1, 0, 1, 0]);
+        for float in [1e-3f32, 2e-3, 4e-3, 0.5, 0.25, 0.125, 0.01, 0.01, 0.01] {
+            bytes.extend(float.to_le_bytes());
+        }
+        bytes.extend([2, 0, 0, 0]); // node 2
+        bytes.extend([100, 50, 0x9c, 0]); // V: 100, 50, -100
+        bytes.extend([4, 0, 0, 0]); // U
+        bytes.extend([0xe8, 3, 0xe8, 3, 0xe8, 3, 0, 0]); // rows: 1000
+        bytes
+    }
+
+    #[test]
+    fn a_pixel_receives_the_mean_and_the_difference_of_a_nodes_halves() {
+        let points = [0u8; 4 * BOUNCE_POINT];
+        let bytes = block();
+        let mut blocks = [0u8; 8];
+        blocks[4] = (bytes.len() / 4) as u8;
+        let bounce = Bounce { points: &points, blocks: &blocks, tiles: &bytes };
+        assert!(Block::of(&bytes, 1).is_some_and(|block| block.is_sound(4) && !block.is_sound(2)));
+        assert!(Block::of(&bytes, 2).is_none() && Block::of(&bytes[..40], 1).is_none());
+        let mut means = [0.0, 0.0, 0.0, 0.0, 0.8, 0.2, 0.4, 0.6];
+        mean_up(&mut means);
+        assert!(means[1..4].iter().zip([0.5, 0.5, 0.5]).all(|(a, b)| (a - b).abs() < 1e-6));
+        let mut out = [[0.0; TILE_PIXELS]; 3];
+        bounce.tile(0, 1, &means, &mut out);
+        // rows * unit * U * (mean * E(1) + V * unit * (0.8 - 0.2) / 2), by hand.
+        let want = [1.0 * 4.0 * (0.25 + 0.3), 2.0 * 4.0 * (0.125 + 0.15), 0.0];
+        for c in 0..3 {
+            assert!((out[c][0] - want[c]).abs() < 1e-5, "{c}: {} instead of {}", out[c][0], want[c]);
+        }
     }
 }

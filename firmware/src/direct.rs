@@ -43,8 +43,8 @@ impl ViewRays {
     }
 }
 
-/// Directions over the disc in all; each point of a pixel uses one share of them.
-const DISC: usize = 64;
+/// Directions over the disc in all; each point of a pixel uses a share of its own.
+const DISC: usize = SHARE * PIXEL_POINTS;
 /// Directions that one point uses: a set that is even over the disc by itself.
 const SHARE: usize = 16;
 
@@ -61,7 +61,7 @@ impl SunDisc {
     /// Directions of equal solid angle over the 0.533 degree disc around `dir_world`.
     pub fn new(dir_world: Vec3) -> Self {
         // The second coordinate of Sobol's sequence; the first is the index with its bits turned round.
-        const SOBOL: [u32; 6] = [32, 48, 40, 60, 34, 51];
+        const SOBOL: [u32; 8] = [128, 192, 160, 240, 136, 204, 170, 255];
         let axis = unit(dir_world);
         let helper = if axis[1].abs() < 0.9 { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] };
         let right = unit(cross(helper, axis));
@@ -69,8 +69,8 @@ impl SunDisc {
         let radius = (0.5 * SUN_DIAMETER_DEG).to_radians();
         let mut points = [axis; DISC];
         for (k, point) in points.iter_mut().enumerate() {
-            let across = (k as u32).reverse_bits() >> 26;
-            let down = (0..6).filter(|bit| k >> bit & 1 != 0).fold(0, |sum, bit| sum ^ SOBOL[bit]);
+            let across = (k as u32).reverse_bits() >> 24;
+            let down = (0..8).filter(|bit| k >> bit & 1 != 0).fold(0, |sum, bit| sum ^ SOBOL[bit]);
             let r = radius * libm::sqrtf((across as f32 + 0.5) / DISC as f32);
             let (sin, cos) = libm::sincosf((down as f32 + 0.5) / DISC as f32 * core::f32::consts::TAU);
             *point = unit(add(axis, add(mul(right, r * cos), mul(up, r * sin))));
@@ -84,8 +84,7 @@ impl SunDisc {
     }
 
     fn share(&self, s: usize) -> &[Vec3] {
-        // Neighbours across and down take different shares.
-        &self.points[(s + s / 4) % (DISC / SHARE) * SHARE..][..SHARE]
+        &self.points[s % PIXEL_POINTS * SHARE..][..SHARE]
     }
 }
 
@@ -173,8 +172,8 @@ impl Facet {
                 let cosine = dot(self.normals[k], light);
                 if cosine > 0.0 && dot(self.plane, light) > 0.0 {
                     let parted = passage == Passage::Parted;
-                    sum += cosine
-                        * if parted { casters.transmittance_past(suspects, self.points[k], light) } else { 1.0 };
+                    sum +=
+                        cosine * if parted { casters.transmittance_past(suspects, self.points[k], light) } else { 1.0 };
                 }
             }
         }

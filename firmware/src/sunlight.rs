@@ -78,10 +78,7 @@ pub struct SunLight {
 impl SunLight {
     /// For a field and a unit direction towards the sun, above the horizon.
     pub fn new(field: &Field<'_>, dir_world: Vec3) -> Self {
-        SunLight {
-            disc: SunDisc::new(dir_world),
-            rays: ViewRays::new(field.camera(), field.width(), field.height()),
-        }
+        SunLight { disc: SunDisc::new(dir_world), rays: ViewRays::new(field.camera(), field.width(), field.height()) }
     }
 
     /// Writes the cosine times the visibility of the sun for bounce points `first..first + out.len()`.
