@@ -18,6 +18,9 @@ const SUN_RAYS: u32 = 64;
 /// radiance, under irradiance 1; white paint shows 0.32.
 const SUN_NOISE: f32 = 5e-4;
 
+/// Most paths of a pixel, as a multiple of the fewest: a bound on the time that the noisiest take.
+const MORE_PATHS: u32 = 4;
+
 /// Directions of the sun's disc, uniform in solid angle.
 struct Disc {
     centre: Vec3A,
@@ -72,7 +75,7 @@ impl Transport<'_> {
         // Paths that only tell how many are needed: with them in the mean, its luck would decide when it is done.
         let (_, variance) = self.sun_paths(&seen, (least / 4).max(1), &mut rng, disc);
         let wanted = variance / (SUN_NOISE * SUN_NOISE * seen.len() as f32);
-        let paths = (wanted as u32).clamp(least, least * 16).next_power_of_two();
+        let paths = (wanted as u32).clamp(least, least * MORE_PATHS).next_power_of_two();
         let (indirect, _) = self.sun_paths(&seen, paths, &mut rng, disc);
         direct / (SUN_RAYS * seen.len() as u32) as f32 + indirect
     }
