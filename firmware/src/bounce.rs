@@ -88,7 +88,7 @@ impl<'a> Bounce<'a> {
     pub(crate) fn check([points, blocks, tiles]: [&'a [u8]; 3], response: &TileSet<'_>) -> Result<Self, FieldError> {
         let bounce = Bounce { points, blocks, tiles };
         let count = points.len() / BOUNCE_POINT;
-        let whole = points.len() % BOUNCE_POINT == 0 && (count == 0 || count.is_power_of_two());
+        let whole = points.len().is_multiple_of(BOUNCE_POINT) && (count == 0 || count.is_power_of_two());
         if !whole || count > MAX_BOUNCE_POINTS || blocks.len() != (response.tiles() + 1) * 4 {
             return Err(FieldError::Invalid("length of a bounce layer"));
         }

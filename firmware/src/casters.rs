@@ -26,7 +26,7 @@ pub struct Casters<'a> {
 
 impl<'a> Casters<'a> {
     pub(crate) fn check(casters: &'a [u8], nodes: &'a [u8]) -> Result<Self, FieldError> {
-        if casters.len() % CASTER != 0 || nodes.len() % NODE != 0 {
+        if !casters.len().is_multiple_of(CASTER) || !nodes.len().is_multiple_of(NODE) {
             return Err(FieldError::Invalid("length of a sunlight layer"));
         }
         let finite = |bytes: &[u8], floats: &[usize]| floats.iter().all(|&at| f32_finite(bytes, at));
