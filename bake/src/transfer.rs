@@ -103,7 +103,7 @@ impl Weights {
     fn of(received: Vec<Received>, points: &BouncePoints) -> Option<Self> {
         let pixels = received.len();
         let total = |own: &Received| own.last().map_or([0.0; 3], |(_, total)| *total);
-        let most = received.iter().flat_map(|own| total(own)).fold(0.0f32, f32::max);
+        let most = received.iter().flat_map(total).fold(0.0f32, f32::max);
         if most <= 0.0 {
             return None;
         }
