@@ -1,7 +1,8 @@
 //! The job: scene -> response -> tiles -> field bytes, tile by tile.
 
+use crate::bouncepoints::BouncePoints;
 use crate::camera::Camera;
-use crate::blocks::{BlockCompressor, FieldBlock};
+use crate::blocks::{BlockCompressor, BlockTile, FieldBlock};
 use crate::progress::Progress;
 use crate::report::Report;
 use crate::response::{Transport, TransportOptions};
@@ -102,6 +103,7 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     });
     let stack = stack.transpose()?;
     let job = Job {
+        bounce: transport.bounce_points(),
         transport,
         compressor: BlockCompressor::new(&patches, options.error, CasterLayers::new(scene)),
         stack,
@@ -117,7 +119,8 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     }
     report.finish(&writer, started.elapsed());
     let header = header(camera, patches, options);
-    let bytes = writer.into_bytes(header, job.compressor.casters.casters, job.compressor.casters.nodes, &report.to_json());
+    let casters = job.compressor.casters;
+    let bytes = writer.into_bytes(header, [casters.casters, casters.nodes, job.bounce.layer()], &report.to_json());
     Ok(Baked { bytes, report })
 }
 
@@ -146,6 +149,7 @@ fn header(camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Header {
 struct Job<'s> {
     transport: Transport<'s>,
     compressor: BlockCompressor,
+    bounce: BouncePoints,
     stack: Option<StackWriter>,
     stack_sun: Option<Vec3>,
 }
@@ -202,9 +206,10 @@ impl Job<'_> {
                     let sun = self.stack_sun.map(|dir| self.transport.sun_tile(tx, ty, dir));
                     stack.write_tile(&response, sun.as_deref())?;
                 }
-                tiles.push(((tx, ty), response));
+                let bounce = self.transport.bounce_block(&self.bounce, &response);
+                tiles.push(BlockTile { at: (tx, ty), response, bounce });
             }
         }
-        Ok(self.compressor.block(&tiles))
+        Ok(self.compressor.block(tiles))
     }
 }

@@ -20,35 +20,33 @@ pub struct FieldBlock {
     pub tiles: Vec<FieldTile>,
 }
 
+/// One tile of a block.
+#[derive(Debug)]
+pub struct BlockTile {
+    /// Column and row.
+    pub at: (u32, u32),
+    /// Its response.
+    pub response: TileResponse,
+    /// Its block of BNCE.
+    pub bounce: Vec<u8>,
+}
+
 /// Turns responses into bytes.
 pub struct BlockCompressor {
     skies: Prior,
-    suns: Prior,
     target: Target,
-    sun_target: Target,
     basis: DMatrix<f32>,
     patches: usize,
     /// Layers of direct sunlight.
     pub casters: CasterLayers,
 }
 
-/// Indirect sunlight is a fifth of the light or less, and its interpolation is no better than this.
-const SUN_INDIRECT_ERROR: f64 = 0.02;
-const SUN_INDIRECT_RANK: usize = 8;
-
 impl BlockCompressor {
     /// A compressor for fields of this patch set that aims at `error` ([`Target::error`]).
     pub fn new(patches: &PatchSet, error: f64, casters: CasterLayers) -> Self {
         let skies = Prior::skies(patches);
-        BlockCompressor {
-            basis: bound_basis(&skies),
-            skies,
-            suns: Prior::sun_interpolation(patches),
-            target: Target { error, ..Target::default() },
-            sun_target: Target { error: SUN_INDIRECT_ERROR, max_rank: SUN_INDIRECT_RANK },
-            patches: patches.len(),
-            casters,
-        }
+        let target = Target { error, ..Target::default() };
+        BlockCompressor { basis: bound_basis(&skies), skies, target, patches: patches.len(), casters }
     }
 
     /// BNDB.
@@ -59,55 +57,43 @@ impl BlockCompressor {
         head.chain(self.basis.iter().flat_map(|value| value.to_le_bytes())).collect()
     }
 
-    /// Compresses the tiles of one block, given with their column and row.
-    pub fn block(&self, tiles: &[((u32, u32), TileResponse)]) -> FieldBlock {
+    /// Compresses the tiles of one block.
+    pub fn block(&self, tiles: Vec<BlockTile>) -> FieldBlock {
         let patches = self.patches;
-        let response: Vec<f32> = tiles.iter().flat_map(|(_, tile)| tile.response.iter().copied()).collect();
-        let indirect: Vec<f32> = tiles.iter().flat_map(|(_, tile)| tile.indirect.iter().copied()).collect();
-        let counts: Vec<usize> = tiles.iter().map(|(_, tile)| tile.covered.len()).collect();
+        let response: Vec<f32> = tiles.iter().flat_map(|tile| tile.response.response.iter().copied()).collect();
+        let counts: Vec<usize> = tiles.iter().map(|tile| tile.response.covered.len()).collect();
         let sky = compress_block(&response, patches, &counts, &self.skies, &self.target);
-        let sun = compress_block(&indirect, patches, &counts, &self.suns, &self.sun_target);
         let (mut written, mut row_tops) = (Vec::with_capacity(tiles.len()), Vec::with_capacity(sky.pixels));
         let mut first = 0;
-        for (at, tile) in tiles {
-            let pixels = first..first + tile.covered.len();
+        for tile in tiles {
+            let pixels = first..first + tile.response.covered.len();
             first = pixels.end;
-            let (tile, row_top) = self.tile(*at, tile, pixels.clone(), &response, &sky, &sun);
-            row_tops.resize(pixels.end, row_top);
+            let tile = self.tile(tile, pixels.clone(), &response, &sky);
+            row_tops.resize(pixels.end, tile.response.row_top());
             written.push(tile);
         }
         let bound = block_bound(&response, patches, &sky, &row_tops, &self.skies, &self.basis);
         FieldBlock { bound: bound_record(&bound, self.basis.ncols(), patches), tiles: written }
     }
 
-    fn tile(
-        &self,
-        at: (u32, u32),
-        tile: &TileResponse,
-        pixels: Range<usize>,
-        response: &[f32],
-        sky: &Compressed,
-        sun: &Compressed,
-    ) -> (FieldTile, [f32; 3]) {
-        let mask = mask_of(&tile.covered, tile.w.max(1));
-        let encode = |block: &Compressed| TileBytes::new(block, pixels.clone(), mask, self.patches);
-        let coverage = tile.covered.iter().map(|&at| tile.coverage[usize::from(at)]);
-        let encoded = encode(sky);
-        let row_top = encoded.row_top();
+    fn tile(&self, tile: BlockTile, pixels: Range<usize>, response: &[f32], sky: &Compressed) -> FieldTile {
+        let BlockTile { at, response: own, bounce } = tile;
+        let mask = mask_of(&own.covered, own.w.max(1));
+        let encoded = TileBytes::new(sky, pixels.clone(), mask, self.patches);
         let way_back = if pixels.is_empty() {
             Vec::new()
         } else {
-            way_block(&tile_rows(response, self.patches, sky, pixels.clone(), row_top), pixels.len())
+            way_block(&tile_rows(response, self.patches, sky, pixels.clone(), encoded.row_top()), pixels.len())
         };
-        let tile = FieldTile {
+        let coverage = own.covered.iter().map(|&at| own.coverage[usize::from(at)]);
+        FieldTile {
             at,
             way_back,
             response: encoded,
-            sun_indirect: encode(sun),
+            bounce,
             // A pixel in the mask is covered, however little.
             coverage: coverage.map(|share| (share * 255.0).round().clamp(1.0, 255.0) as u8).collect(),
-            fragments: self.casters.fragments(&tile.fragments),
-        };
-        (tile, row_top)
+            fragments: self.casters.fragments(&own.fragments),
+        }
     }
 }

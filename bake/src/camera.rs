@@ -147,6 +147,11 @@ impl CameraView {
     pub fn direction(&self, px: f32, py: f32) -> glam::Vec3 {
         (self.corner + self.across * f64::from(px) + self.down * f64::from(py)).normalize().as_vec3()
     }
+
+    /// Width of a pixel in the middle of the picture, as seen from the eye, radians.
+    pub fn pixel_angle(&self) -> f32 {
+        self.across.length() as f32
+    }
 }
 
 #[cfg(test)]

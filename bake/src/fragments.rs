@@ -3,10 +3,6 @@
 use glam::Vec3A;
 
 use crate::response::Seen;
-use crate::strata::STRATA;
-
-/// Most fragments that a pixel keeps.
-pub const MAX_FRAGMENTS: usize = 8;
 
 /// One triangle as a pixel sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,14 +16,13 @@ pub struct Fragment {
     pub albedo: [f32; 3],
 }
 
-/// The fragments of a pixel, largest first; when there are more than [`MAX_FRAGMENTS`], the largest are kept and scaled
-/// so that the pixel's mean reflectance stays the same in every channel.
+/// The fragments of a pixel, largest first.
 pub(crate) fn fragments(seen: &Seen) -> Vec<Fragment> {
     let share = 1.0 / seen.len() as f32;
     let mut all: Vec<(Fragment, u32)> = Vec::new();
     for (sample, surface) in seen.iter().enumerate() {
         let Some(surface) = surface else { continue };
-        let strata = 1u16 << (sample as u32 % STRATA);
+        let strata = 1u16 << sample;
         let albedo = surface.albedo * share;
         match all.iter_mut().find(|(fragment, _)| fragment.triangle == surface.triangle) {
             Some((fragment, samples)) => {
@@ -39,17 +34,7 @@ pub(crate) fn fragments(seen: &Seen) -> Vec<Fragment> {
         }
     }
     all.sort_by_key(|(fragment, samples)| (std::cmp::Reverse(*samples), fragment.triangle));
-    let total: Vec3A = all.iter().map(|(fragment, _)| Vec3A::from(fragment.albedo)).sum();
-    all.truncate(MAX_FRAGMENTS);
-    let mut kept: Vec<Fragment> = all.into_iter().map(|(fragment, _)| fragment).collect();
-    let kept_total: Vec3A = kept.iter().map(|fragment| Vec3A::from(fragment.albedo)).sum();
-    for channel in 0..3 {
-        if kept_total[channel] > 0.0 {
-            let scale = total[channel] / kept_total[channel];
-            kept.iter_mut().for_each(|fragment| fragment.albedo[channel] *= scale);
-        }
-    }
-    kept
+    all.into_iter().map(|(fragment, _)| fragment).collect()
 }
 
 #[cfg(test)]
@@ -73,15 +58,5 @@ mod tests {
         assert_eq!((got.len(), got[0].triangle, got[0].strata), (2, 7, 1 | 1 << 5));
         assert!((got[0].albedo[0] - 1.2 / 16.0).abs() < 1e-6);
         assert_eq!((got[1].triangle, got[1].strata), (3, 1 << 15));
-    }
-
-    #[test]
-    fn too_many_keep_their_energy() {
-        let mut pixel: Vec<_> = (0..16).map(|k| seen(k, 0.1 * k as f32)).collect();
-        pixel[1] = seen(0, 0.1);
-        let all: f32 = pixel.iter().flatten().map(|s| s.albedo.x).sum::<f32>() / 16.0;
-        let got = fragments(&pixel);
-        assert_eq!((got.len(), got[0].triangle), (MAX_FRAGMENTS, 0));
-        assert!((got.iter().map(|f| f.albedo[0]).sum::<f32>() - all).abs() < 1e-6);
     }
 }

@@ -83,7 +83,7 @@ impl Info {
             max_hits: header.max_hits,
             bytes_per_covered_pixel: per_pixel(read),
             bytes_stored_per_covered_pixel: per_pixel(field.file_bytes()),
-            sun_casters: field.sun_surfaces().casters(),
+            sun_casters: field.sun_surfaces().casters().len(),
             layers: field.layers().map(|layer| LayerInfo { kind: kind(layer.kind), bytes: layer.length }).collect(),
             bake: serde_json::from_slice(field.meta()).ok(),
         }

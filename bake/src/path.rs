@@ -24,17 +24,17 @@ impl Tracer<'_> {
         Some(self.geometry.surface(&hit, dir_world))
     }
 
-    /// Follows one path on from `seen`, whose first direction is the cosine direction of `at`. Calls `visit` with every
+    /// Follows one path on from `seen`, whose first two directions are the cosine directions of `at`. Calls `visit` with every
     /// later surface, the path's throughput up to it (all reflectances before it) and its number of hits, 2 or more.
     pub(crate) fn walk(
         &self,
         seen: &Surface,
-        at: Vec2,
+        at: [Vec2; 2],
         rng: &mut Rng,
         mut visit: impl FnMut(&Surface, Vec3A, u32, &mut Rng),
     ) {
         let mut surface = *seen;
-        let mut at = at;
+        let [mut at, second] = at;
         let mut throughput = Vec3A::ONE;
         // Without the seen surface: a dark one must not shorten the paths that light it.
         let mut relayed = Vec3A::ONE;
@@ -63,7 +63,7 @@ impl Tracer<'_> {
             surface = next;
             hits += 1;
             visit(&surface, throughput, hits, rng);
-            at = rng.square();
+            at = if hits == 2 { second } else { rng.square() };
         }
     }
 }

@@ -15,7 +15,6 @@ use cie::SmoothSky;
 use clouds::{Clouds, Skyline};
 use nalgebra::{DMatrix, SymmetricEigen};
 pub(crate) use random::Random;
-use relume_firmware::interpolate::sun_patch_weights;
 use relume_firmware::patches::PatchSet;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -78,28 +77,6 @@ impl Prior {
             total += moment[(i, i)];
         }
         Prior::from_moment(set, moment, mixture.tail * total, mixture.max_modes)
-    }
-
-    /// The prior of single suns: interpolation weights around directions spread evenly over the upper hemisphere.
-    pub fn sun_interpolation(set: &PatchSet) -> Prior {
-        let count = set.upper() * 8;
-        let suns: Vec<Vec<f64>> = (0..count)
-            .map(|k| {
-                let y = (k as f64 + 0.5) / count as f64;
-                let azimuth = k as f64 * 2.399_963_229_728_653;
-                let r = (1.0 - y * y).sqrt();
-                let mut weights = vec![0.0f32; set.len()];
-                sun_patch_weights(
-                    set,
-                    [(r * azimuth.cos()) as f32, y as f32, (r * azimuth.sin()) as f32],
-                    &mut weights,
-                );
-                weights.into_iter().map(f64::from).collect()
-            })
-            .collect();
-        let moment = moment_of(set.len(), &suns);
-        let total = moment.trace();
-        Prior::from_moment(set, moment, 1e-4 * total, set.len())
     }
 
     /// Patches the prior is for.

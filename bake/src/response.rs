@@ -1,6 +1,7 @@
 //! The response of pixels to every patch of the sky, all patches in one pass.
 //!
-//! A pixel is seen by `camera_samples` rays, jittered in 4 x 4 strata. Rays are aimed at the patches (a) from the seen
+//! A pixel is seen by 16 rays, one in each of 4 x 4 strata, at the points of `firmware/src/pixelpoints.rs`: so that all
+//! pictures of a stack, its sun and the live sun stand for the same points of the same surfaces. Rays are aimed at the patches (a) from the seen
 //! surfaces, each patch from a rotating share of the strata, or from all of them where pixel or patch is not uniform, and
 //! (b) from every further surface of the paths that go on from there, one patch out of each group of neighbours, so
 //! that over the pixel's paths every patch of a group has the same number of rays. A path that escapes adds nothing:
@@ -8,13 +9,14 @@
 
 use glam::Vec3A;
 use relume_firmware::patches::PatchSet;
+use relume_firmware::pixelpoints::{PIXEL_POINTS, pixel_point};
 
 use crate::camera::{Camera, CameraView};
 use crate::fragments::{Fragment, fragments};
 use crate::geometry::{Geometry, Surface};
 use crate::path::Tracer;
 use crate::scene::Scene;
-use crate::strata::{Grid, PatchTable, Rng, STRATA, class_of};
+use crate::strata::{Grid, PatchTable, Rng, class_of};
 use crate::viewpoint::{self, TransportError};
 
 /// Width and height of a tile, pixels.
@@ -27,16 +29,17 @@ pub struct TransportOptions {
     pub max_hits: u32,
     /// The same seed gives the same response, whatever the number of threads.
     pub seed: u64,
-    /// Rays from the eye per pixel; rounded up to a multiple of 16.
-    pub camera_samples: u32,
     /// Of the four classes of strata, how many aim rays at each patch in a uniform pixel: 1, 2 or 4.
     pub direct_classes: u32,
     /// Paths that go on from each seen surface: 1 to 16.
     pub paths: u32,
     /// Neighbouring patches that share one ray at every later surface of a path: 1 to 64.
     pub patch_group: u32,
-    /// Rays from the eye per pixel for one sun; rounded up to a multiple of 16.
-    pub sun_samples: u32,
+    /// Paths that go on from each seen surface of a pixel to find out what it receives from the bounce points: a power
+    /// of two, 1 to 1024.
+    pub bounce_paths: u32,
+    /// Fewest paths of the stack's own sun from each seen surface: a power of two, 1 to 1024.
+    pub sun_paths: u32,
 }
 
 impl Default for TransportOptions {
@@ -44,21 +47,20 @@ impl Default for TransportOptions {
         TransportOptions {
             max_hits: 0,
             seed: 1,
-            camera_samples: 16,
             direct_classes: 2,
             paths: 8,
             patch_group: 8,
-            sun_samples: 256,
+            bounce_paths: 64,
+            sun_paths: 64,
         }
     }
 }
 
 impl TransportOptions {
     fn checked(self) -> Self {
-        let rounds = |samples: u32| samples.clamp(1, 1 << 16).next_multiple_of(STRATA);
         TransportOptions {
-            camera_samples: rounds(self.camera_samples),
-            sun_samples: rounds(self.sun_samples),
+            bounce_paths: self.bounce_paths.clamp(1, 1024).next_power_of_two(),
+            sun_paths: self.sun_paths.clamp(1, 1024).next_power_of_two(),
             direct_classes: if self.direct_classes >= 3 { 4 } else { self.direct_classes.max(1) },
             paths: self.paths.clamp(1, 16),
             patch_group: self.patch_group.clamp(1, 64),
@@ -102,7 +104,7 @@ pub struct Transport<'s> {
     patches: PatchTable,
 }
 
-/// What one pixel's rays from the eye met, `[camera_samples]`; sample `k` lies in stratum `k % 16`.
+/// What one pixel's rays from the eye met, one per stratum.
 pub(crate) type Seen = Vec<Option<Surface>>;
 
 impl<'s> Transport<'s> {
@@ -164,8 +166,7 @@ impl<'s> Transport<'s> {
         };
         for index in 0..w * h {
             let (x, y) = (x0 + index % w, y0 + index / w);
-            let mut rng = Rng::new(self.options.seed, x, y, 0);
-            let seen = self.seen(x, y, self.options.camera_samples, &mut rng);
+            let (seen, mut rng) = self.seen(x, y);
             let hits = seen.iter().flatten().count();
             if hits == 0 {
                 continue;
@@ -183,16 +184,17 @@ impl<'s> Transport<'s> {
         tile
     }
 
-    /// The surfaces that `samples` jittered rays from the eye meet in pixel (`x`, `y`).
-    pub(crate) fn seen(&self, x: u32, y: u32, samples: u32, rng: &mut Rng) -> Seen {
-        let strata = Grid::new(STRATA);
+    /// The surfaces that the rays from the eye meet in pixel (`x`, `y`), and the pixel's random numbers from there on.
+    pub(crate) fn seen(&self, x: u32, y: u32) -> (Seen, Rng) {
+        let mut rng = Rng::new(self.options.seed, x, y, 0);
         let origin = self.view.position.as_vec3a();
-        let sample = |k: u32| {
-            let at = strata.point(k % STRATA, rng.square());
-            let direction = Vec3A::from(self.view.direction(x as f32 + at.x, y as f32 + at.y));
-            self.tracer.first(origin, direction, rng)
+        let mut look = |s: usize| {
+            let [right, down] = pixel_point(s);
+            let direction = Vec3A::from(self.view.direction(x as f32 + right, y as f32 + down));
+            self.tracer.first(origin, direction, &mut rng)
         };
-        (0..samples).map(sample).collect()
+        let seen = (0..PIXEL_POINTS).map(&mut look).collect();
+        (seen, rng)
     }
 
     /// Adds the light that reaches the seen surfaces straight from the patches to `[channel][patch]`.
@@ -208,7 +210,7 @@ impl<'s> Transport<'s> {
             let mut cell = turn >> 2;
             let mut sum = Vec3A::ZERO;
             for (k, surface) in seen.iter().enumerate() {
-                if (class_of(k as u32 % STRATA) + turn) & 3 >= classes {
+                if (class_of(k as u32) + turn) & 3 >= classes {
                     continue;
                 }
                 cell += 1;
@@ -242,7 +244,7 @@ impl<'s> Transport<'s> {
             for (k, surface) in seen.iter().enumerate() {
                 let Some(surface) = surface else { continue };
                 let cell = (k as u32 * 5 + turn) % samples;
-                let at = blocks.point(path, cells.point(cell, rng.jitter()));
+                let at = [blocks.point(path, cells.point(cell, rng.jitter())), rng.square()];
                 let pick = k as u32 + 5 * path;
                 self.tracer.walk(surface, at, rng, |surface, throughput, hits, rng| {
                     let pick = pick.wrapping_add(start.wrapping_mul(hits));
@@ -288,4 +290,4 @@ fn uniform(seen: &Seen) -> bool {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

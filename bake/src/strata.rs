@@ -79,6 +79,7 @@ impl Grid {
 /// Side of the grid of strata of a pixel.
 pub(crate) const STRATA_SIDE: u32 = 4;
 /// Strata of a pixel; stratum `s` is column `s % 4` from the left in row `s / 4` from the top.
+#[cfg(test)]
 pub(crate) const STRATA: u32 = STRATA_SIDE * STRATA_SIDE;
 
 /// One of four classes of strata; each class has one stratum in every row, column and quadrant of the pixel.

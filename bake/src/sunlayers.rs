@@ -1,5 +1,5 @@
 //! The layers of direct sunlight: casters, their bounding volumes, and what each pixel sees
-//! (layout: firmware/src/sunlight.rs).
+//! (layouts: firmware/src/casters.rs and sunlight.rs).
 
 use crate::cutout::sun_casters;
 use crate::fragments::Fragment;
@@ -8,7 +8,8 @@ use glam::Vec3;
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::{Bvh2, builder::build_bvh2_from_tris};
 use obvhs::triangle::Triangle;
-use relume_firmware::sunlight::{CASTER, FRAGMENT, NODE};
+use relume_firmware::casters::{CASTER, NODE};
+use relume_firmware::sunlight::FRAGMENT;
 
 /// Casters per leaf at most; the layout has 4 bits for it.
 const LEAF: u32 = 4;

@@ -46,7 +46,8 @@ impl TileSetBytes {
 pub struct FieldWriter {
     response: TileSetBytes,
     coverage: Vec<u8>,
-    sun_indirect: TileSetBytes,
+    bounce_places: Vec<u8>,
+    bounce: Vec<u8>,
     blocks: Vec<u8>,
     fragments: Vec<u8>,
     way_places: Vec<u8>,
@@ -61,8 +62,8 @@ pub struct FieldWriter {
 pub struct FieldTile {
     /// Response to the patches.
     pub response: TileBytes,
-    /// Response to indirect sunlight, same mask.
-    pub sun_indirect: TileBytes,
+    /// The tile's block of BNCE, empty if no light comes from the bounce points.
+    pub bounce: Vec<u8>,
     /// Coverage of the covered pixels, in mask order.
     pub coverage: Vec<u8>,
     /// The tile's block of FRAG.
@@ -80,9 +81,9 @@ impl FieldWriter {
         let whole = tile.coverage.iter().all(|&share| share == 255);
         let place = if whole { ALL_WHOLE } else { append(&mut self.coverage, &padded_bytes(tile.coverage)) };
         let edge = BLOCK_TILES as u32;
-        let block = (tile.at.0 / edge, tile.at.1 / edge);
-        self.response.push(tile.response, block, place);
-        self.sun_indirect.push(tile.sun_indirect, block, ALL_WHOLE);
+        self.response.push(tile.response, (tile.at.0 / edge, tile.at.1 / edge), place);
+        self.bounce_places.extend_from_slice(&((self.bounce.len() / 4) as u32).to_le_bytes());
+        self.bounce.extend_from_slice(&tile.bounce);
         self.blocks.extend_from_slice(&((self.fragments.len() / 4) as u32).to_le_bytes());
         self.fragments.extend_from_slice(&tile.fragments);
         let place = if tile.way_back.is_empty() { NO_WAY } else { append(&mut self.way_blocks, &tile.way_back) };
@@ -110,21 +111,18 @@ impl FieldWriter {
         set.records.len() + set.u.len() + set.v.len() + set.rows.len() + self.coverage.len()
     }
 
-    /// The whole file. `casters` and `nodes` are CAST and CBVH, `meta` JSON; `header.covered` is set here.
-    pub fn into_bytes(mut self, mut header: Header, casters: Vec<u8>, nodes: Vec<u8>, meta: &str) -> Vec<u8> {
+    /// The whole file. `scene` are CAST, CBVH and BPNT, `meta` JSON; `header.covered` is set here.
+    pub fn into_bytes(mut self, mut header: Header, scene: [Vec<u8>; 3], meta: &str) -> Vec<u8> {
         header.covered = self.covered;
         self.blocks.extend_from_slice(&((self.fragments.len() / 4) as u32).to_le_bytes());
-        let (response, sun) = (self.response, self.sun_indirect);
-        let layers: [(LayerKind, u32, Vec<u8>); 18] = [
+        self.bounce_places.extend_from_slice(&((self.bounce.len() / 4) as u32).to_le_bytes());
+        let (response, [casters, nodes, points]) = (self.response, scene);
+        let layers: [(LayerKind, u32, Vec<u8>); 17] = [
             (*b"TILE", LAYER_CRITICAL, response.records),
             (*b"ROWS", LAYER_CRITICAL, response.rows),
             (*b"RESU", LAYER_CRITICAL, response.u),
             (*b"RESV", LAYER_CRITICAL, response.v),
             (*b"COVR", LAYER_CRITICAL, self.coverage),
-            (*b"SUNT", LAYER_CRITICAL, sun.records),
-            (*b"SUNR", LAYER_CRITICAL, sun.rows),
-            (*b"SUNU", LAYER_CRITICAL, sun.u),
-            (*b"SUNV", LAYER_CRITICAL, sun.v),
             (*b"CAST", LAYER_CRITICAL, casters),
             (*b"CBVH", LAYER_CRITICAL, nodes),
             (*b"FRGT", LAYER_CRITICAL, self.blocks),
@@ -133,6 +131,9 @@ impl FieldWriter {
             (*b"BNDT", 0, self.bounds),
             (*b"WAYT", 0, self.way_places),
             (*b"WAYD", 0, self.way_blocks),
+            (*b"BPNT", LAYER_CRITICAL, points),
+            (*b"BTIL", LAYER_CRITICAL, self.bounce_places),
+            (*b"BNCE", LAYER_CRITICAL, self.bounce),
             (*b"META", 0, meta.as_bytes().to_vec()),
         ];
         assemble(&header, &layers)

@@ -29,8 +29,9 @@
 //! layers of version 1 (an unknown kind without flag bit 0 is passed over)
 //!   TILE RESU RESV ROWS   the response: a tile set (below)
 //!   COVR                  coverage, u8 per covered pixel, 255 = whole; slots of whole tiles may be left out
-//!   SUNT SUNU SUNV SUNR   indirect sunlight: a tile set with the same masks, read only when the sun moves
-//!   CAST CBVH FRGT FRAG   direct sunlight: surfaces, their bounding volumes, and what each pixel sees (sunlight.rs)
+//!   CAST CBVH FRGT FRAG   direct sunlight: surfaces, their bounding volumes (casters.rs), and what each pixel sees
+//!                         (sunlight.rs); like the next, read only when the sun moves
+//!   BPNT BTIL BNCE        indirect sunlight: points where the sun is looked for, and what tiles receive (bounce.rs)
 //!   BNDB BNDT             constants of the error bound (bound.rs); may be left out
 //!   WAYT WAYD             rows of single patches, read only where the factors do not do (wayback.rs); may be left out
 //!   META                  UTF-8 JSON about the bake, for people
@@ -52,6 +53,7 @@
 //! ```
 
 use crate::bound::Bounds;
+use crate::bounce::Bounce;
 pub use crate::header::{CameraRecord, Header, Layer};
 use crate::header::{u16_at, u32_at, u64_at};
 use crate::patches::{MAX_PATCHES, PatchError, PatchSet};
@@ -80,9 +82,9 @@ pub const MAX_LAYERS: u32 = 256;
 pub type LayerKind = [u8; 4];
 
 /// Kinds that this version reads.
-pub const KNOWN_LAYERS: [LayerKind; 18] = [
-    *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"SUNT", *b"SUNU", *b"SUNV", *b"SUNR", *b"CAST", *b"CBVH",
-    *b"FRGT", *b"FRAG", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD",
+pub const KNOWN_LAYERS: [LayerKind; 17] = [
+    *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"CAST", *b"CBVH", *b"FRGT", *b"FRAG", *b"BPNT", *b"BTIL",
+    *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD",
 ];
 
 /// What is wrong with a field; each message says what to do.
@@ -162,8 +164,8 @@ pub struct Field<'a> {
     coverage: &'a [u8],
     way_back: WayBack<'a>,
     bounds: Option<Bounds<'a>>,
-    sun_indirect: TileSet<'a>,
     sun_surfaces: SunSurfaces<'a>,
+    bounce: Bounce<'a>,
     meta: &'a [u8],
 }
 
@@ -190,19 +192,12 @@ impl<'a> Field<'a> {
             size,
             patches,
         )?;
-        let sun_indirect = TileSet::check(
-            [layer(*b"SUNT")?, layer(*b"SUNU")?, layer(*b"SUNV")?, layer(*b"SUNR")?],
-            None,
-            tiles,
-            size,
-            patches,
-        )?;
-        check_same_masks(&response, &sun_indirect)?;
         if response.covered() != header.covered as usize {
             return Err(FieldError::Invalid("count of covered pixels"));
         }
         let sun_surfaces =
             SunSurfaces::check([layer(*b"CAST")?, layer(*b"CBVH")?, layer(*b"FRGT")?, layer(*b"FRAG")?], &response)?;
+        let bounce = Bounce::check([layer(*b"BPNT")?, layer(*b"BTIL")?, layer(*b"BNCE")?], &response)?;
         let way_back = match (find_layer(bytes, *b"WAYT"), find_layer(bytes, *b"WAYD")) {
             (Some(places), Some(blocks)) => WayBack::check(places, blocks, &response)?,
             _ => WayBack::NONE,
@@ -212,7 +207,7 @@ impl<'a> Field<'a> {
             _ => None,
         };
         let meta = find_layer(bytes, *b"META").unwrap_or(&[]);
-        Ok(Field { bytes, header, response, coverage, way_back, bounds, sun_indirect, sun_surfaces, meta })
+        Ok(Field { bytes, header, response, coverage, way_back, bounds, sun_surfaces, bounce, meta })
     }
 
     /// The header's facts.
@@ -255,14 +250,14 @@ impl<'a> Field<'a> {
         self.bounds
     }
 
-    /// The indirect part of the response to the sun.
-    pub fn sun_indirect(&self) -> TileSet<'a> {
-        self.sun_indirect
-    }
-
     /// Surfaces for the direct part of the response to the sun.
     pub fn sun_surfaces(&self) -> SunSurfaces<'a> {
         self.sun_surfaces
+    }
+
+    /// Points and tiles for the indirect part of the response to the sun.
+    pub fn bounce(&self) -> Bounce<'a> {
+        self.bounce
     }
 
     /// Coverage of the tile's covered pixels in mask order, 255 = whole; `None` where all are whole.
@@ -341,11 +336,6 @@ fn check_layer(bytes: &[u8], layer: &Layer) -> Result<(), FieldError> {
         return Err(FieldError::Checksum(Some(layer.kind)));
     }
     Ok(())
-}
-
-fn check_same_masks(a: &TileSet<'_>, b: &TileSet<'_>) -> Result<(), FieldError> {
-    let same = (0..a.tiles()).all(|tile| a.record(tile)[..32] == b.record(tile)[..32]);
-    if same { Ok(()) } else { Err(FieldError::Invalid("mask of the indirect sunlight")) }
 }
 
 const _: () = assert!(TILE_RECORD == 64);

@@ -5,19 +5,23 @@
 
 pub mod bound;
 pub mod coefficients;
+pub mod bounce;
+pub mod casters;
 pub mod composite;
+pub mod direct;
 pub mod field;
 #[cfg(feature = "std")]
 pub mod glue;
 mod header;
-pub mod interpolate;
 pub mod kernel;
 pub mod overlay;
 pub mod patches;
+pub mod pixelpoints;
 pub mod relight;
 pub mod sunlight;
 pub mod surface;
 pub mod tile;
 pub mod tone;
 pub mod wayback;
+mod vector;
 pub mod weights;

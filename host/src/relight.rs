@@ -176,7 +176,7 @@ impl<'f> Relighter<'f> {
         self.counters.sun_up = self.given.sun.is_some();
         self.counters.sun_traced = false;
         let Some(sun) = self.given.sun else { return };
-        let changes = self.sun.follow(&self.field, sun.dir_world, self.kernel, self.pool.as_ref());
+        let changes = self.sun.follow(&self.field, sun.dir_world, self.pool.as_ref());
         self.counters.sun_traced = changes.is_some();
         for (state, change) in self.states.iter_mut().zip(changes.unwrap_or(&[])) {
             state.sun_drift = state.sun_drift.saturating_add(change.largest);

@@ -43,19 +43,3 @@ fn drawn_skies_are_radiances_of_mean_one() {
 fn the_same_prior_every_time() {
     assert_eq!(Prior::skies(&set()), Prior::skies(&set()));
 }
-
-#[test]
-fn suns_lie_in_the_span_of_the_sun_prior() {
-    let set = set();
-    let prior = Prior::sun_interpolation(&set);
-    let mut weights = vec![0.0f32; set.len()];
-    sun_patch_weights(&set, [0.48, 0.6, 0.64], &mut weights);
-    let w = nalgebra::DVector::from_vec(weights);
-    let mut rest = w.clone();
-    for column in prior.basis().column_iter() {
-        let share = column.dot(&w) / column.norm_squared();
-        rest -= column * share;
-    }
-    assert!(rest.norm() < 0.03 * w.norm(), "{}", rest.norm() / w.norm());
-    assert_eq!(prior.patches(), 68);
-}

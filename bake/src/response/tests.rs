@@ -9,7 +9,7 @@ use super::*;
 use crate::scene::{Alpha, Material, Triangle};
 
 /// A scene of quads: corners counter-clockwise from the front, and a grey reflectance.
-fn quads(all: &[([Vec3; 4], f32)]) -> Scene {
+pub(crate) fn quads(all: &[([Vec3; 4], f32)]) -> Scene {
     let mut scene = Scene::default();
     for (corners, albedo) in all {
         let material = scene.materials.len() as u32;
@@ -25,12 +25,12 @@ fn quads(all: &[([Vec3; 4], f32)]) -> Scene {
 }
 
 /// A horizontal square of half side `half` at height `y`, front up.
-fn floor(half: f32, y: f32) -> [Vec3; 4] {
+pub(crate) fn floor(half: f32, y: f32) -> [Vec3; 4] {
     [[-half, half], [half, half], [half, -half], [-half, -half]].map(|[x, z]| Vec3::new(x, y, z))
 }
 
 /// A floor and a long wall of height 1 that stands on it at z = -1, front towards +Z.
-fn corner(albedo: f32) -> Scene {
+pub(crate) fn corner(albedo: f32) -> Scene {
     let wall = [[-200.0, 0.0], [200.0, 0.0], [200.0, 1.0], [-200.0, 1.0]].map(|[x, y]| Vec3::new(x, y, -1.0));
     quads(&[(floor(200.0, 0.0), albedo), (wall, albedo)])
 }
@@ -54,23 +54,23 @@ fn cube(albedo: f32) -> Scene {
     quads(&sides)
 }
 
-fn camera(position: [f64; 3], target: [f64; 3], fov_y_deg: f64) -> Camera {
+pub(crate) fn camera(position: [f64; 3], target: [f64; 3], fov_y_deg: f64) -> Camera {
     Camera { position, target, up: [0.0, 1.0, 0.0], fov_y_deg, north_deg: 0.0 }
 }
 
 /// Looks at the origin from above, so narrowly that all pixels see the same point.
-fn spot() -> Camera {
+pub(crate) fn spot() -> Camera {
     camera([0.3, 0.5, 0.2], [0.0; 3], 0.1)
 }
 
 /// Sees the floor and the foot of the wall of [`corner`], and nothing else.
-fn into_the_corner() -> Camera {
+pub(crate) fn into_the_corner() -> Camera {
     camera([0.0, 0.4, 0.5], [0.0, 0.2, -1.0], 30.0)
 }
 
-const SIZE: (u32, u32) = (16, 16);
+pub(crate) const SIZE: (u32, u32) = (16, 16);
 
-fn options(max_hits: u32) -> TransportOptions {
+pub(crate) fn options(max_hits: u32) -> TransportOptions {
     TransportOptions { max_hits, ..TransportOptions::default() }
 }
 
@@ -98,7 +98,7 @@ fn under_white_sky(tile: &TileResponse, values: &[f32]) -> f32 {
     (0..tile.patches).map(|patch| mean(tile, values, patch)).sum()
 }
 
-fn near(got: f32, want: f32, tolerance: f32) {
+pub(crate) fn near(got: f32, want: f32, tolerance: f32) {
     assert!((got / want - 1.0).abs() < tolerance, "{got} instead of {want}");
 }
 
@@ -162,18 +162,6 @@ fn a_plate_takes_its_form_factor_from_the_sky() {
     let root = (1.0 + side * side).sqrt();
     let form_factor = 4.0 / (2.0 * PI) * 2.0 * side / root * (side / root).atan();
     near(under_white_sky(&tile, &tile.response), 0.5 * (1.0 - form_factor), 2e-3);
-}
-
-#[test]
-fn the_sun_lights_a_plane_with_its_cosine() {
-    let scene = quads(&[(floor(50.0, 0.0), 0.6)]);
-    let transport = Transport::new(&scene, &spot(), patches(), SIZE, options(0)).unwrap();
-    for altitude in [5.0f32, 30.0, 80.0] {
-        let (sin, cos) = altitude.to_radians().sin_cos();
-        let sun = transport.sun_tile(0, 0, Vec3::new(cos, sin, 0.0));
-        near(sun.iter().sum::<f32>() / sun.len() as f32, 0.6 / PI * sin, 2e-3);
-    }
-    assert!(transport.sun_tile(0, 0, Vec3::NEG_Y).iter().all(|&v| v == 0.0));
 }
 
 #[test]

@@ -2,9 +2,12 @@
 
 use crate::sun::angle_deg;
 use rayon::prelude::*;
+use relume_firmware::bounce::mean_up;
 use relume_firmware::field::Field;
-use relume_firmware::kernel::Kernel;
 use relume_firmware::sunlight::SunLight;
+
+/// Bounce points that one task lights.
+const POINTS_AT_ONCE: usize = 512;
 
 /// How the plane changed in one tile, in 1/32768.
 #[derive(Clone, Copy, Debug, Default)]
@@ -20,6 +23,8 @@ pub(super) struct SunPlane {
     values: Vec<u16>,
     fresh: Vec<u16>,
     changes: Vec<Change>,
+    /// Light on the bounce points, in the upper half, and its means up their tree.
+    means: Vec<f32>,
     dir_world: Option<[f32; 3]>,
     step_deg: f64,
 }
@@ -31,6 +36,7 @@ impl SunPlane {
             values: vec![0; response.plane_len()],
             fresh: vec![0; response.plane_len()],
             changes: vec![Change::default(); response.tiles()],
+            means: vec![0.0; 2 * field.bounce().points()],
             dir_world: None,
             step_deg: 0.0,
         }
@@ -49,7 +55,6 @@ impl SunPlane {
         &mut self,
         field: &Field<'_>,
         dir_world: [f32; 3],
-        kernel: Kernel,
         pool: Option<&rayon::ThreadPool>,
     ) -> Option<&[Change]> {
         if self.dir_world.is_some_and(|old| old == dir_world || angle_deg(old, dir_world) < self.step_deg) {
@@ -59,9 +64,14 @@ impl SunPlane {
         let response = field.response();
         let slots = slots(field, &mut self.fresh);
         let old = &self.values;
+        let means = &mut self.means;
         super::install(pool, || {
+            let points = means.len() / 2;
+            let chunks = means[points..].par_chunks_mut(POINTS_AT_ONCE).enumerate();
+            chunks.for_each(|(chunk, out)| light.points(field, chunk * POINTS_AT_ONCE, out));
+            mean_up(means);
             (slots, &mut self.changes).into_par_iter().enumerate().for_each(|(index, (slot, change))| {
-                light.tile(field, index, kernel, slot);
+                light.tile(field, index, means, slot);
                 let at = response.tile(index).plane_at;
                 let before = &old[at..at + slot.len()];
                 let largest = slot.iter().zip(before).map(|(a, b)| u32::from(a.abs_diff(*b))).max();
