@@ -1,8 +1,8 @@
 //! The job: scene -> response -> tiles -> field bytes, tile by tile.
 
+use crate::blocks::{BlockCompressor, BlockTile, FieldBlock};
 use crate::bouncepoints::BouncePoints;
 use crate::camera::Camera;
-use crate::blocks::{BlockCompressor, BlockTile, FieldBlock};
 use crate::progress::Progress;
 use crate::report::Report;
 use crate::response::{Transport, TransportOptions};

@@ -8,17 +8,17 @@
 
 mod bound;
 mod quantise;
+mod subspace;
 mod trim;
 mod wayback;
-mod subspace;
 
 use crate::encode::decoded_scales;
 use crate::prior::Prior;
+pub use bound::{BlockBound, block_bound, bound_basis};
 use nalgebra::{DMatrix, DMatrixView};
 use quantise::{fit_rows, round_factors};
-pub use bound::{BlockBound, bound_basis, block_bound};
-pub use wayback::{PatchRows, TileRows, tile_rows};
 use subspace::Factors;
+pub use wayback::{PatchRows, TileRows, tile_rows};
 
 /// How far a compressed tile may be from the response.
 #[derive(Clone, Copy, Debug, PartialEq)]

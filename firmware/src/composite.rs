@@ -90,7 +90,7 @@ impl Compositor<'_> {
         let tile = field.response().tile(index);
         let n = tile.padded_pixels();
         let coverage = field.coverage(index);
-        let has_rows = add_rows(field, index, light.weights, linear);
+        let has_rows = add_rows(field, index, light, self.kernel, linear);
         if n == TILE_PIXELS && tile.pixels() == n && coverage.is_none() && !has_rows && target.is_inside() {
             let (x0, y0) = target.at;
             let (pixels_xrgb, stride) = target.surface.from_mut(x0, y0 - target.surface_y0);

@@ -52,8 +52,8 @@
 //! response[x][c][i] = rows[c][x] 2^re[c] * sum_k U[x][k] * V[c][k][i] * scale[c][k] 2^ve[c]
 //! ```
 
-use crate::bound::Bounds;
 use crate::bounce::Bounce;
+use crate::bound::Bounds;
 pub use crate::header::{CameraRecord, Header, Layer};
 use crate::header::{u16_at, u32_at, u64_at};
 use crate::patches::{MAX_PATCHES, PatchError, PatchSet};

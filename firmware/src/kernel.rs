@@ -146,6 +146,22 @@ impl Kernel {
         }
     }
 
+    /// `plane[x] += code[x]^2 * unit`, each operation rounded by itself.
+    ///
+    /// # Panics
+    /// If the lengths differ.
+    pub fn add_squares(self, codes: &[u8], unit: f32, plane: &mut [f32]) {
+        assert_eq!(codes.len(), plane.len());
+        match self.0 {
+            // SAFETY: `Kernel` holds this path only where the processor has AVX2.
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            Path::Avx2 | Path::Avx512 => unsafe { avx2::add_squares(codes, unit, plane) },
+            // Every aarch64 has NEON: the compiler uses it for the plain loop.
+            _ => scalar::add_squares(codes, unit, plane),
+        }
+    }
+
     /// Asks for bytes that will be read soon; changes nothing but the time it takes.
     pub fn prefetch(self, bytes: &[u8]) {
         match self.0 {

@@ -3,10 +3,10 @@
 //! `no_std`, no allocation, no operating system. The host program and the C interface lend it bytes and buffers.
 #![cfg_attr(not(any(test, feature = "std")), no_std)]
 
-pub mod bound;
-pub mod coefficients;
 pub mod bounce;
+pub mod bound;
 pub mod casters;
+pub mod coefficients;
 pub mod composite;
 pub mod direct;
 pub mod field;
@@ -22,6 +22,6 @@ pub mod sunlight;
 pub mod surface;
 pub mod tile;
 pub mod tone;
-pub mod wayback;
 mod vector;
+pub mod wayback;
 pub mod weights;

@@ -1,8 +1,8 @@
 //! Relighting of one tile: coefficients -> linear pixels.
 
 pub use crate::coefficients::Coefficients;
-use crate::field::Field;
 use crate::coefficients::row_unit;
+use crate::field::Field;
 use crate::kernel::{Extent, Kernel, Linear, Reconstruction, UNIT_LIMIT};
 use crate::tile::{TILE_PIXELS, Tile};
 use crate::wayback::RowCodes;
@@ -16,6 +16,8 @@ pub struct TileLight<'a> {
     pub sun: Option<(&'a [u16], [u32; 3])>,
     /// The weights that the coefficients came from: patches that they set apart are added by their own rows.
     pub weights: &'a FixedWeights,
+    /// Those of them whose rows are unpacked already.
+    pub unpacked: &'a [UnpackedRows<'a>],
 }
 
 /// Unit of the sun's response (1/32768) times its weight (1/65536).
@@ -72,34 +74,60 @@ impl Coefficients {
         out: &mut LinearTile,
     ) -> Extent {
         let tile = field.response().tile(index);
-        let has_rows = add_rows(field, index, light.weights, out);
+        let has_rows = add_rows(field, index, light, kernel, out);
         let planes = out.planes(tile.padded_pixels());
         let linear = if has_rows { Linear::Add(planes) } else { Linear::Write(planes) };
         kernel.relight(&self.job(&tile, light.sun), linear, None)
     }
 }
 
-/// Writes the light of the patches that `weights` set apart, by their own rows; `false` if there are none here.
-pub fn add_rows(field: &Field<'_>, index: usize, weights: &FixedWeights, out: &mut LinearTile) -> bool {
-    let mut apart = weights.apart().peekable();
+/// Unpacked rows of one patch in all tiles: they cost little while the patch stays apart from frame to frame.
+#[derive(Clone, Copy, Debug)]
+pub struct UnpackedRows<'a> {
+    /// Patch.
+    pub patch: u16,
+    /// Codes, laid out like the row scales.
+    pub codes: &'a [u8],
+}
+
+impl UnpackedRows<'_> {
+    /// Unpacks the rows of `patch` in tile number `index` into its slot of `codes`, `[3][padded pixels]`.
+    pub fn unpack(field: &Field<'_>, index: usize, patch: u16, slot: &mut [u8]) {
+        let tile = field.response().tile(index);
+        let n = tile.padded_pixels();
+        if let Some(rows) = field.way_back().get(index, &tile, usize::from(patch)) {
+            let mut codes = RowCodes::default();
+            rows.decode(&mut codes);
+            slot.chunks_exact_mut(n.max(1)).zip(&codes.0).for_each(|(to, from)| to.copy_from_slice(&from[..n]));
+        }
+    }
+}
+
+/// Writes the light of the patches that are set apart, by their own rows; `false` if there are none here.
+pub fn add_rows(field: &Field<'_>, index: usize, light: &TileLight<'_>, kernel: Kernel, out: &mut LinearTile) -> bool {
+    let (mut apart, way_back) = (light.weights.apart().peekable(), field.way_back());
     if apart.peek().is_none() {
         return false;
     }
-    let (tile, way_back) = (field.response().tile(index), field.way_back());
+    let tile = field.response().tile(index);
     let n = tile.padded_pixels();
-    let mut codes = RowCodes::default();
+    let mut own = RowCodes::default();
     let mut any = false;
-    for Apart { patch, light } in apart {
+    for Apart { patch, light: weight } in apart {
         let Some(rows) = way_back.get(index, &tile, usize::from(patch)) else { continue };
         if !any {
             out.planes(n).into_iter().for_each(|plane| plane.fill(0.0));
             any = true;
         }
-        rows.decode(&mut codes);
+        let unpacked = light.unpacked.iter().find(|unpacked| unpacked.patch == patch);
+        let slot = unpacked.map(|unpacked| &unpacked.codes[tile.plane_at..tile.plane_at + 3 * n]);
+        if slot.is_none() {
+            rows.decode(&mut own);
+        }
         for (c, plane) in out.planes(n).into_iter().enumerate() {
-            let unit = (rows.unit() * light[c] * row_unit(&tile, c)).min(UNIT_LIMIT);
-            let codes = &codes.0[c][..n];
-            plane.iter_mut().zip(codes).for_each(|(sum, &code)| *sum += (u16::from(code) * u16::from(code)) as f32 * unit);
+            let unit = (rows.unit() * weight[c] * row_unit(&tile, c)).min(UNIT_LIMIT);
+            let codes = slot.map_or(&own.0[c][..n], |slot| &slot[c * n..(c + 1) * n]);
+            kernel.add_squares(codes, unit, plane);
         }
     }
     if any {

@@ -221,9 +221,8 @@ impl<'a> TileSet<'a> {
         for block in 0..self.blocks() {
             let mut records = self.tiles_of(block).map(|tile| TileRecord::decode(self.record(tile)));
             let Some(first) = records.find(|record| record.pixels > 0) else { continue };
-            let same = |r: &TileRecord| {
-                (r.v_place, r.v_rank, r.v_exponent) == (first.v_place, first.v_rank, first.v_exponent)
-            };
+            let same =
+                |r: &TileRecord| (r.v_place, r.v_rank, r.v_exponent) == (first.v_place, first.v_rank, first.v_exponent);
             if records.any(|record| record.pixels > 0 && !same(&record)) {
                 return Err(FieldError::Invalid("V of a block"));
             }

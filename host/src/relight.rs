@@ -159,6 +159,7 @@ impl<'f> Relighter<'f> {
         self.given.sun = sun;
         self.exposure = exposure;
         self.new_weights = true;
+        self.levels.unpack(&self.field);
         self.follow_sun();
         self.project(true);
         let weights = &self.levels.get(0).weights;
@@ -239,7 +240,7 @@ impl<'f> Relighter<'f> {
                     let index = row * columns + column;
                     let tile = field.response().tile(index);
                     let weights = &levels.get(blocks[field.response().block_of(index)].level).weights;
-                    let light = TileLight { sun, weights };
+                    let light = TileLight { sun, weights, unpacked: &[] };
                     coefficients.project(&tile, weights, kernel, max_rank);
                     coefficients.pixels(field, index, &light, kernel, &mut linear);
                     let coverage = field.coverage(index);
@@ -313,6 +314,7 @@ impl<'f> Relighter<'f> {
         let width = self.field.width();
         let columns = self.field.response().grid().0;
         let sun_q16 = self.levels.get(0).weights.sun_q16();
+        let (unpacked, count) = self.levels.unpacked();
         let drawing = Drawing {
             field: &self.field,
             compositor: Compositor {
@@ -323,6 +325,7 @@ impl<'f> Relighter<'f> {
             levels: &self.levels,
             blocks: &self.blocks,
             sun: self.given.sun.map(|_| (self.sun.plane(), sun_q16)),
+            unpacked: &unpacked[..count],
             slope: &self.slope,
             view: view.identity,
             rank_limit: self.pace.rank_limit,

@@ -62,7 +62,7 @@ pub fn tile_rows(
         let doublings = (top / (CODE_TOP * CODE_TOP)).log2().ceil().clamp(0.0, f32::from(MAX_UNIT_EXPONENT));
         let exponent = doublings as u8;
         let step = 2f32.powi(i32::from(exponent));
-    
+
         // Not a number: the channel is black in this pixel, and its code says nothing.
         let code = |share: &f32| if share.is_nan() { 0 } else { (share / step).sqrt().round().min(CODE_TOP) as u8 };
         let green: Vec<u8> = wanted[0].iter().map(code).collect();

@@ -247,6 +247,15 @@ fn table(bytes: &[u8; 16]) -> __m256i {
     _mm256_broadcastsi128_si256(unsafe { _mm_loadu_si128(bytes.as_ptr().cast()) })
 }
 
+/// The scalar loop, compiled for wider registers: no lane depends on another, so the bits are the same.
+///
+/// # Safety
+/// AVX2.
+#[target_feature(enable = "avx2")]
+pub unsafe fn add_squares(codes: &[u8], unit: f32, plane: &mut [f32]) {
+    super::scalar::add_squares(codes, unit, plane);
+}
+
 /// See [`super::Kernel::prefetch`].
 pub fn prefetch(bytes: &[u8]) {
     for line in bytes.chunks(64) {

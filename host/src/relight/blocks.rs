@@ -76,6 +76,10 @@ impl Block {
         if self.current && (!new_weights || step.is_some_and(|step| step.is_none())) {
             return Projected::Kept;
         }
+        let response = field.response();
+        if let Some(next) = response.tiles_of(index + 1).next().filter(|_| index + 1 < response.blocks()) {
+            Coefficients::prefetch_projection(&response.tile(next), kernel);
+        }
         let how = match step {
             Some(step) => {
                 self.add(&tile, |c| step.values(c), kernel);

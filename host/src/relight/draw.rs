@@ -6,7 +6,7 @@ use super::tiles::TileState;
 use relume_firmware::bound::CodeSlope;
 use relume_firmware::composite::{Compositor, Target};
 use relume_firmware::field::Field;
-use relume_firmware::relight::{Coefficients, LinearTile, TileLight};
+use relume_firmware::relight::{Coefficients, LinearTile, TileLight, UnpackedRows};
 use relume_firmware::surface::Surface;
 use relume_firmware::tile::{BLOCK_TILES, TILE_PX};
 
@@ -41,6 +41,7 @@ pub(super) struct Drawing<'a> {
     pub(super) levels: &'a Levels,
     pub(super) blocks: &'a [Block],
     pub(super) sun: Option<(&'a [u16], [u32; 3])>,
+    pub(super) unpacked: &'a [UnpackedRows<'a>],
     pub(super) slope: &'a CodeSlope,
     pub(super) view: u64,
     pub(super) rank_limit: Option<usize>,
@@ -65,12 +66,14 @@ impl Drawing<'_> {
             if state.unchanged(index, self, block) {
                 drew.kept += usize::from(!state.empty);
             } else {
-                let light = TileLight { sun: self.sun, weights: &self.levels.get(block.level).weights };
-                let target = Target {
-                    surface: &mut surface,
-                    surface_y0: row * TILE_PX,
-                    at: (column * TILE_PX, row * TILE_PX),
-                };
+                let response = self.field.response();
+                if index + 1 < response.tiles() {
+                    Coefficients::prefetch_pixels(&response.tile(index + 1), self.compositor.kernel);
+                }
+                let weights = &self.levels.get(block.level).weights;
+                let light = TileLight { sun: self.sun, weights, unpacked: self.unpacked };
+                let target =
+                    Target { surface: &mut surface, surface_y0: row * TILE_PX, at: (column * TILE_PX, row * TILE_PX) };
                 let limited = self.limited(block);
                 let coefficients = limited.as_ref().unwrap_or(&block.coefficients);
                 let extent = self.compositor.tile(self.field, index, (coefficients, &light), &mut linear, target);

@@ -3,6 +3,7 @@
 use crate::weights::PatchWeights;
 use relume_firmware::bound::BoundLight;
 use relume_firmware::field::Field;
+use relume_firmware::relight::UnpackedRows;
 use relume_firmware::weights::{FixedWeights, MAX_STANDOUTS, WeightError, WeightStep, standouts};
 
 /// Levels there are.
@@ -28,6 +29,13 @@ pub(super) struct Levels {
     has_way_back: bool,
     order: Vec<u16>,
     apart: Vec<u16>,
+    unpacked: Vec<Unpacked>,
+}
+
+/// Unpacked rows of a patch that outshines the sky.
+struct Unpacked {
+    patch: Option<u16>,
+    codes: Vec<u8>,
 }
 
 impl Levels {
@@ -42,7 +50,39 @@ impl Levels {
             has_way_back: field.way_back().bytes() > 0,
             order: (0..patches as u16).collect(),
             apart: Vec::with_capacity(patches),
+            unpacked: (0..MAX_STANDOUTS).map(|_| Unpacked { patch: None, codes: Vec::new() }).collect(),
         }
+    }
+
+    /// Unpacks the rows of the patches that outshine the sky now, where they did not before.
+    pub(super) fn unpack(&mut self, field: &Field<'_>) {
+        let apart = &self.levels[0].weights;
+        let is_apart = |patch: Option<u16>| patch.is_some_and(|patch| apart.apart().any(|apart| apart.patch == patch));
+        for new in apart.apart() {
+            if self.unpacked.iter().any(|known| known.patch == Some(new.patch)) {
+                continue;
+            }
+            let Some(slot) = self.unpacked.iter_mut().find(|known| !is_apart(known.patch)) else { return };
+            let response = field.response();
+            slot.codes.resize(response.plane_len(), 0);
+            slot.patch = Some(new.patch);
+            for index in 0..response.tiles() {
+                let tile = response.tile(index);
+                let place = tile.plane_at..tile.plane_at + 3 * tile.padded_pixels();
+                UnpackedRows::unpack(field, index, new.patch, &mut slot.codes[place]);
+            }
+        }
+    }
+
+    /// What [`Levels::unpack`] unpacked.
+    pub(super) fn unpacked(&self) -> ([UnpackedRows<'_>; MAX_STANDOUTS], usize) {
+        let mut rows = [UnpackedRows { patch: 0, codes: &[] }; MAX_STANDOUTS];
+        let mut count = 0;
+        for (patch, codes) in self.unpacked.iter().filter_map(|known| Some((known.patch?, &known.codes))) {
+            rows[count] = UnpackedRows { patch, codes };
+            count += 1;
+        }
+        (rows, count)
     }
 
     /// Highest level of the field.

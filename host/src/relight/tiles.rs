@@ -3,10 +3,10 @@
 use super::blocks::Block;
 use super::draw::Drawing;
 use relume_firmware::bound::{CodeSlope, dark_share};
+use relume_firmware::coefficients::TileReach;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Extent;
 use relume_firmware::relight::{Coefficients, SUN_UNIT};
-use relume_firmware::coefficients::TileReach;
 use relume_firmware::tile::{TILE_PIXELS, Tile};
 use relume_firmware::weights::{Apart, FixedWeights, MAX_STANDOUTS};
 
