@@ -8,9 +8,11 @@ mod reader;
 pub use reader::ConfigError;
 
 use crate::exposure::{EV_RANGE, ExposureMode};
+use crate::relight::Budget;
 use crate::sun::Place;
 use reader::Reader;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Every key that a post's file may have, dotted.
 pub const KEYS: &[&str] = &[
@@ -40,6 +42,8 @@ pub const KEYS: &[&str] = &[
     "run.interval_s",
     "run.frames",
     "run.duration_s",
+    "budget.error_codes",
+    "budget.time_ms",
     "exposure.mode",
     "exposure.ev",
 ];
@@ -168,6 +172,8 @@ pub struct Config {
     pub limits: Limits,
     /// How the exposure is chosen.
     pub exposure: ExposureMode,
+    /// What a frame may cost, or be wrong by.
+    pub budget: Budget,
 }
 
 impl Config {
@@ -208,6 +214,7 @@ impl Config {
                 duration_s: r.number("run.duration_s", 1e-3..=1e9)?,
             },
             exposure: exposure(&r)?,
+            budget: budget(&r)?,
         };
         config.check_sky(&r)?;
         Ok(config)
@@ -286,6 +293,21 @@ fn exposure(r: &Reader) -> Result<ExposureMode, ConfigError> {
         (false, None) => Ok(ExposureMode::Auto),
         (true, None) => Err(r.fault("exposure.ev is missing: exposure.mode = \"fixed\" shows radiance x 2^ev".into())),
         (false, Some(_)) => Err(r.fault("exposure.ev is only used with exposure.mode = \"fixed\"".into())),
+    }
+}
+
+fn budget(r: &Reader) -> Result<Budget, ConfigError> {
+    let codes = r.number("budget.error_codes", 0.6..=255.0)?;
+    let time_ms = r.number("budget.time_ms", 0.01..=10_000.0)?;
+    match (codes, time_ms) {
+        (Some(_), Some(_)) => Err(r.fault(
+            "budget.error_codes and budget.time_ms exclude each other: one lets the frame take the time it takes, the other \
+             gets the error it gets; remove one"
+                .into(),
+        )),
+        (Some(codes), None) => Ok(Budget::ErrorCodes(codes as f32)),
+        (None, Some(time_ms)) => Ok(Budget::Time(Duration::from_secs_f64(time_ms / 1e3))),
+        (None, None) => Ok(Budget::Field),
     }
 }
 

@@ -1,6 +1,7 @@
 //! The post's state, for people far away: one small JSON file that is always whole.
 
 use crate::outfile::{OutError, write_whole};
+use crate::relight::FrameCounters;
 use crate::sky_source::SunSource;
 use serde::Serialize;
 use std::io::Write;
@@ -45,6 +46,8 @@ pub struct Health {
     pub sky_faults: u64,
     /// The newest fault, in one line.
     pub last_fault: Option<String>,
+    /// What the newest frame did, what it was spared, and the bound on its error.
+    pub frame: FrameCounters,
     /// Something that is not a fault but should be known, such as a sun outside the field's band.
     pub note: Option<String>,
 }

@@ -2,6 +2,7 @@
 
 pub mod field;
 
+use crate::relight::FrameCounters;
 use crate::weights::PatchWeights;
 use relume_firmware::patches::PatchSet;
 
@@ -25,11 +26,11 @@ pub trait Painter {
     /// The exposure that the picture of the newest weights asks for; `None` in the dark.
     fn wanted_exposure(&mut self) -> Option<f64>;
 
-    /// Draws what changed; returns true when any pixel may have changed.
+    /// Draws what changed; the counters tell what that was.
     ///
     /// # Errors
     /// When drawing is not possible at all.
-    fn draw(&mut self) -> anyhow::Result<bool>;
+    fn draw(&mut self) -> anyhow::Result<FrameCounters>;
 
     /// The whole picture, `0x00RRGGBB`, as last drawn.
     fn pixels_bgrx(&self) -> &[u32];

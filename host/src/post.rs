@@ -7,6 +7,7 @@ use crate::exposure::ExposureControl;
 use crate::failure::{Failure, OrFail};
 use crate::health::{Health, WeightsState};
 use crate::painter::Painter;
+use crate::relight::FrameCounters;
 use crate::sky_source::{SkyFault, SkyReading, SkySource, SunSource};
 use crate::sun::{format_utc, position_of};
 use crate::weights::PatchWeights;
@@ -68,6 +69,7 @@ pub struct Post<'p> {
     sky_name: &'static str,
     frames: u64,
     frames_changed: u64,
+    counters: FrameCounters,
     exposure_changes: u64,
     sky_faults: u64,
 }
@@ -98,6 +100,7 @@ impl<'p> Post<'p> {
             sky_name: config.sky.name(),
             frames: 0,
             frames_changed: 0,
+            counters: FrameCounters::default(),
             exposure_changes: 0,
             sky_faults: 0,
             parts,
@@ -167,7 +170,8 @@ impl<'p> Post<'p> {
     /// Relights, draws and presents one frame.
     fn show(&mut self) -> Result<(), Failure> {
         self.relight();
-        let changed = self.parts.painter.draw().or_runtime()?;
+        self.counters = self.parts.painter.draw().or_runtime()?;
+        let changed = self.counters.tiles_drawn > 0;
         let (width, height) = self.parts.painter.size();
         if changed || self.frames == 0 {
             self.frames_changed += 1;
@@ -240,6 +244,7 @@ impl<'p> Post<'p> {
             exposure_ev: self.exposure.ev(),
             sky_faults: self.sky_faults,
             last_fault: self.last_fault.clone(),
+            frame: self.counters,
             note: self.note.clone(),
         }
     }

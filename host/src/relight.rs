@@ -33,6 +33,10 @@ use std::time::Instant;
 use sunplane::SunPlane;
 use tiles::TileState;
 
+/// A block tries a lower level when its bounds are under this share of the error budget: far enough from it that it does
+/// not come back with every frame.
+const LEVEL_SHARE: f32 = 0.5;
+
 /// Relights one field, frame after frame, on `threads` threads.
 pub struct Relighter<'f> {
     field: Field<'f>,
@@ -160,6 +164,7 @@ impl<'f> Relighter<'f> {
         self.exposure = exposure;
         self.new_weights = true;
         self.levels.unpack(&self.field);
+        self.lower_levels();
         self.follow_sun();
         self.project(true);
         let weights = &self.levels.get(0).weights;
@@ -291,6 +296,18 @@ impl<'f> Relighter<'f> {
         }
         self.new_weights = false;
         counters
+    }
+
+    /// Lets every block whose tiles were all well within the error budget try one level less with the new weights.
+    fn lower_levels(&mut self) {
+        let Budget::ErrorCodes(codes) = self.budget else { return };
+        let (response, states) = (self.field.response(), &self.states);
+        for (index, block) in self.blocks.iter_mut().enumerate().filter(|(_, block)| block.level > 0) {
+            let well = |tile: usize| states[tile].empty || states[tile].shown_bound.1 < LEVEL_SHARE * codes;
+            if response.tiles_of(index).all(well) {
+                block.set_level(block.level - 1);
+            }
+        }
     }
 
     /// Raises the level of every block with a tile whose bound exceeds `codes`; `false` if none can be raised.

@@ -58,10 +58,12 @@ fn run(config: &Config, stop: &AtomicBool) -> Result<PostReport, Failure> {
         None => Still::black(width, height),
     };
     let made = std::fs::metadata(&config.field).and_then(|meta| meta.modified()).ok();
+    let mut painter = FieldPainter::new(field, still, 0);
+    painter.set_budget(config.budget).or_bad()?;
     let parts = Parts {
         sky: sky_source(config, &field)?,
         display: Box::new(Headless::open(&config.display.folder, config.display.every, (width, height))?),
-        painter: Box::new(FieldPainter::new(field, still, 0)),
+        painter: Box::new(painter),
         clock: PostClock::start(config.clock, made),
     };
     Post::new(config, parts).run(stop)

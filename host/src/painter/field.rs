@@ -2,7 +2,7 @@
 
 use super::Painter;
 use crate::exposure::automatic;
-use crate::relight::{Framebuffer, Relighter, View};
+use crate::relight::{Budget, BudgetError, FrameCounters, Framebuffer, Relighter, View};
 use crate::sun::{dir_world, position_of};
 use crate::sunband::nearest;
 use crate::view::Still;
@@ -28,6 +28,14 @@ impl<'f> FieldPainter<'f> {
             framebuffer: Framebuffer::new(width, height),
             field,
         }
+    }
+
+    /// Keeps every frame to a budget.
+    ///
+    /// # Errors
+    /// [`BudgetError`], if no frame of this field can.
+    pub fn set_budget(&mut self, budget: Budget) -> Result<(), BudgetError> {
+        self.relighter.set_budget(budget)
     }
 }
 
@@ -77,9 +85,8 @@ impl Painter for FieldPainter<'_> {
         automatic(&picture.rgb, &picture.alpha)
     }
 
-    fn draw(&mut self) -> anyhow::Result<bool> {
-        let counters = self.relighter.draw(&self.view, &mut self.framebuffer);
-        Ok(counters.tiles_drawn > 0)
+    fn draw(&mut self) -> anyhow::Result<FrameCounters> {
+        Ok(self.relighter.draw(&self.view, &mut self.framebuffer))
     }
 
     fn pixels_bgrx(&self) -> &[u32] {

@@ -33,10 +33,10 @@ impl Painter for Pixel {
     fn wanted_exposure(&mut self) -> Option<f64> {
         (self.brightness > 0.0).then(|| 0.8 / f64::from(self.brightness))
     }
-    fn draw(&mut self) -> anyhow::Result<bool> {
+    fn draw(&mut self) -> anyhow::Result<FrameCounters> {
         let changed = self.pixels[0] != self.drawn;
         self.pixels[0] = self.drawn;
-        Ok(changed)
+        Ok(FrameCounters { tiles: 1, tiles_drawn: usize::from(changed), ..FrameCounters::default() })
     }
     fn pixels_bgrx(&self) -> &[u32] {
         &self.pixels
