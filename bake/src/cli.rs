@@ -26,6 +26,7 @@ relume-bake: makes the field that a post relights.
       --site LAT,LON   the post's place, noted in the field
       --stack DIR      also write the uncompressed stack (EXR) there
       --sun AZ,ALT     with --stack: also sun.exr for that sun, degrees
+      --sun-paths N    with --sun: fewest light paths from each of a pixel's 16 points, a power of two (16)
       --error P%       relative error that the compression aims at
       --seed N         the same seed gives the same bytes (1)
       --threads N      threads to use (all cores)
@@ -119,6 +120,7 @@ fn scene_arguments(parser: &mut lexopt::Parser) -> Result<Option<SceneArguments>
             Long("size") => a.size = Some(size(&text(parser)?)?),
             Short('o') | Long("out") => a.out = Some(parser.value()?.into()),
             Long("directions") => a.options.directions = number(parser, "--directions")?,
+            Long("sun-paths") => a.options.transport.sun_paths = number(parser, "--sun-paths")?,
             Long("max-hits") => a.options.transport.max_hits = number(parser, "--max-hits")?,
             Long("seed") => a.options.transport.seed = number(parser, "--seed")?,
             Long("threads") => a.threads = number(parser, "--threads")?,

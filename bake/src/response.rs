@@ -51,7 +51,7 @@ impl Default for TransportOptions {
             paths: 8,
             patch_group: 8,
             bounce_paths: 64,
-            sun_paths: 64,
+            sun_paths: 16,
         }
     }
 }
