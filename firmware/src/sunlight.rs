@@ -411,6 +411,22 @@ pub struct SunLight {
 impl SunLight {
     /// For a field and a unit direction towards the sun, above the horizon.
     pub fn new(field: &Field<'_>, dir_world: Vec3) -> Self {
+        let mut light = SunLight::without(field);
+        light.set(field, dir_world);
+        light
+    }
+
+    /// For a field, before it has a direction ([`SunLight::set`]).
+    pub fn without(field: &Field<'_>) -> Self {
+        SunLight {
+            disc: SunDisc { points: [[0.0; 3]; 16] },
+            rays: ViewRays::new(field.camera(), field.width(), field.height()),
+            indirect: FixedWeights::dark(field.patch_set().len()),
+        }
+    }
+
+    /// Takes another direction, where it stands: small stacks hold no second one.
+    pub fn set(&mut self, field: &Field<'_>, dir_world: Vec3) {
         let patches = field.patch_set();
         let mut kernel = [0.0f32; crate::patches::MAX_PATCHES];
         let kernel = &mut kernel[..patches.len()];
@@ -419,14 +435,11 @@ impl SunLight {
         for (rgb, &weight) in grey.iter_mut().zip(kernel.iter()) {
             *rgb = [weight; 3];
         }
-        let mut indirect = FixedWeights::dark(patches.len());
+        // Weights remember their scale: begin anew, so that a direction looks the same whatever was before.
+        self.indirect = FixedWeights::dark(patches.len());
         // The interpolation is finite and not negative, so it is never refused.
-        let _ = indirect.set(&grey[..patches.len()], None, 1.0, &[]);
-        SunLight {
-            disc: SunDisc::new(dir_world),
-            rays: ViewRays::new(field.camera(), field.width(), field.height()),
-            indirect,
-        }
+        let _ = self.indirect.set(&grey[..patches.len()], None, 1.0, &[]);
+        self.disc = SunDisc::new(dir_world);
     }
 
     /// Writes one tile's slot (`[3][padded pixels]`, u16 in 1/32768) of the sun's response plane.
