@@ -7,15 +7,14 @@
 
 #![allow(clippy::unwrap_used)]
 
-use relume::relight::{Framebuffer, Relighter, View};
-use relume::weights::{PatchWeights, SunWeight};
-use relume_bake::bake::{BakeOptions, bake};
-use relume_bake::camera::Camera;
-use relume_bake::scene;
+#[path = "capi/field.rs"]
+mod field;
+
+use field::{bare_bytes, bare_field, coverage, field, folder, light};
+use relume::relight::{FrameCounters, Framebuffer, Relighter, View};
 use relume_firmware::field::Field;
 use relume_tests::files::{fresh_folder, names, put};
 use relume_tests::program::{Outcome, relume_in, run};
-use relume_tests::scene::{Picture, checks_png, courtyard, glb};
 use relume_tests::skip::skip;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -81,26 +80,6 @@ fn started(program: &Path, args: &[&str]) -> Outcome {
     run(command.current_dir(folder()))
 }
 
-/// A folder with `a.field`: shadow, texture, edges, sky at 70 x 50, both ragged.
-fn folder() -> &'static Path {
-    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
-    FOLDER.get_or_init(|| {
-        let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "capi");
-        put(&folder.join("scene.glb"), glb(&courtyard(), Some(Picture::Inside(&checks_png()))));
-        let scene = scene::load(&folder.join("scene.glb")).unwrap();
-        let (position, target) = ([2.5, 2.6, 6.5], [-0.4, 0.8, 0.0]);
-        let camera = Camera { position, target, up: [0.0, 1.0, 0.0], fov_y_deg: 45.0, north_deg: 12.5 };
-        let options = BakeOptions { size: (70, 50), directions: 32, progress: false, ..BakeOptions::default() };
-        put(&folder.join("a.field"), bake(&scene, &camera, &options).unwrap().bytes);
-        folder
-    })
-}
-
-fn field() -> Field<'static> {
-    static BYTES: OnceLock<Vec<u8>> = OnceLock::new();
-    Field::new(BYTES.get_or_init(|| std::fs::read(folder().join("a.field")).unwrap())).unwrap()
-}
-
 const CHECK: [&str; 4] = [
     "tests/tests/capi/check.c",
     "tests/tests/capi/errors.c",
@@ -114,24 +93,20 @@ fn check() -> &'static Path {
     PROGRAM.get_or_init(|| shared("check", &CHECK))
 }
 
-/// Light number `seed` of `check.c`.
-fn light(seed: usize) -> PatchWeights {
-    let value = |patch: usize, c: usize| ((patch * 7 + c * 13 + seed * 31) % 64) as f32 / 64.0;
-    let radiance = (0..field().patch_set().len()).map(|patch| [0, 1, 2].map(|c| value(patch, c))).collect();
-    let dir_world = [0.48, 0.64, if seed % 2 == 1 { 0.6 } else { -0.6 }];
-    let sun = (!seed.is_multiple_of(3)).then_some(SunWeight { dir_world, irradiance: [2.0, 1.75, 1.5] });
-    PatchWeights { radiance, sun }
-}
-
-/// What the program shows of light 1, over `check.c`'s view or black.
-fn shown(with_view: bool) -> Vec<u32> {
-    let (width, height) = (field().width(), field().height());
-    let mut relighter = Relighter::new(field(), 1);
-    relighter.set_weights(&light(1), 0.5).unwrap();
+/// What the program shows of a light, over `check.c`'s view or black, and how right that is.
+fn shown_of(field: Field<'_>, seed: usize, with_view: bool) -> (Vec<u32>, FrameCounters) {
+    let (width, height) = (field.width(), field.height());
+    let mut relighter = Relighter::new(field, 1);
+    relighter.set_weights(&light(seed), 0.5).unwrap();
     let view = (0..(width * height) as u32).map(|k| if with_view { (k * 7919) & 0xff_ffff } else { 0 }).collect();
     let mut framebuffer = Framebuffer::new(width, height);
-    relighter.draw(&View::new(width, height, view), &mut framebuffer);
-    framebuffer.pixels
+    let counters = relighter.draw(&View::new(width, height, view), &mut framebuffer);
+    (framebuffer.pixels, counters)
+}
+
+/// What the program shows of light 1.
+fn shown(with_view: bool) -> Vec<u32> {
+    shown_of(field(), 1, with_view).0
 }
 
 fn raw(name: &str) -> Vec<u8> {
@@ -153,19 +128,6 @@ fn frames() {
 
 fn channels(word: u32) -> [f64; 3] {
     [word >> 16 & 255, word >> 8 & 255, word & 255].map(f64::from)
-}
-
-/// Coverage of every pixel, 0..=255.
-fn coverage() -> Vec<u8> {
-    let (field, columns) = (field(), field().response().grid().0);
-    let mut all = vec![0; field.width() * field.height()];
-    for index in 0..field.response().tiles() {
-        for (k, pixel) in field.response().tile(index).covered().enumerate() {
-            let (x, y) = (index % columns * 16 + pixel % 16, index / columns * 16 + pixel / 16);
-            all[y * field.width() + x] = field.coverage(index).map_or(255, |shares| shares[k]);
-        }
-    }
-    all
 }
 
 #[test]
@@ -190,6 +152,40 @@ fn shows_what_the_program_shows() {
         assert!(words(name) == shown(with_view), "{name} differs from the program's picture");
     }
     assert!(shown(true) != shown(false) && shown(false).iter().any(|&word| word != 0));
+}
+
+#[test]
+fn patches_that_outshine_the_sky_are_shown_by_their_own_rows() {
+    frames();
+    let (exact, counters) = shown_of(field(), 4, true);
+    assert!(counters.patches_apart > 0 && words("light-4.raw") == exact);
+    assert!(shown_of(bare_field(), 4, true).0 != exact, "rows show something else than factors");
+}
+
+#[test]
+fn bounds_are_those_of_the_program() {
+    frames();
+    for seed in [1, 4] {
+        let counters = shown_of(field(), seed, true).1;
+        let (linear, codes) = (counters.bound_linear.unwrap(), counters.bound_codes.unwrap());
+        assert!(linear > 0.0 && codes > 0.55);
+        let found = words(&format!("bound-{seed}.raw"));
+        assert_eq!(found[0] as usize, counters.patches_apart);
+        assert_eq!([found[1], found[2]].map(f32::from_bits), [linear, codes]);
+    }
+}
+
+#[test]
+fn a_field_without_bounds_and_rows_is_shown_without_them() {
+    put(&folder().join("bare.field"), bare_bytes());
+    std::fs::create_dir(folder().join("frames-bare")).unwrap();
+    started(check(), &["frames", "bare.field", "frames-bare"]).well();
+    let raw = |name: &str| std::fs::read(folder().join("frames-bare").join(name)).unwrap();
+    let shown: Vec<u8> = shown_of(bare_field(), 4, true).0.into_iter().flat_map(u32::to_le_bytes).collect();
+    assert!(raw("light-4.raw") == shown);
+    let bound: Vec<u32> =
+        raw("bound-4.raw").chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    assert!(bound[0] == 0 && bound[1..].iter().all(|&bits| f32::from_bits(bits).is_nan()));
 }
 
 #[test]

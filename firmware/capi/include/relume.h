@@ -198,6 +198,14 @@ typedef struct relume_report {
     uint32_t tiles_sun_stale;
     // Patches without light: not read.
     uint32_t patches_dark;
+    // Patches that outshine the sky, shown by rows of their own.
+    uint32_t patches_apart;
+    // How right these bands are now: no linear value (1 = display white) of the sky's light is further from that of the
+    // uncompressed response than this, whatever the light. NaN: the field was baked without bounds.
+    float bound_linear;
+    // The same in 8-bit codes, rounding included, before they are brought to a smaller format; where coverage is
+    // partial, premultiplied ones may be half a code further. NaN: the field was baked without bounds.
+    float bound_codes;
 } relume_report;
 
 #ifdef __cplusplus
@@ -279,7 +287,8 @@ enum relume_error relume_trace_sun(struct relume *object, uint32_t first_band, u
 // `*report` unless that is null.
 //
 // A tile stays as it is if it was drawn into this buffer before (same address, stride and format), over this view (same
-// address, stride and sequence), and the newest light would change it by less than half a code.
+// address, stride and sequence), and the newest light would change it by less than half a code. The report says how
+// right the bands are, with all that was left as it was.
 //
 // Several threads may relight bands of their own at once, each with a report of its own.
 //

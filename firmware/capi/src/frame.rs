@@ -5,11 +5,12 @@
 use crate::pixel::{Format, premultiplied};
 use crate::types::{RELUME_FRAME_REDRAW, RelumeError, RelumeFrame};
 use core::marker::PhantomData;
-use relume_firmware::composite::{Compositor, ViewPixels};
-use relume_firmware::kernel::Kernel;
-use relume_firmware::relight::LinearTile;
+use relume_firmware::composite::{self, Compositor, ViewPixels};
+use relume_firmware::field::Field;
+use relume_firmware::kernel::{Extent, Kernel};
+use relume_firmware::relight::{Coefficients, LinearTile, TileLight};
 use relume_firmware::surface::Surface;
-use relume_firmware::tile::{TILE_PIXELS, TILE_PX, Tile};
+use relume_firmware::tile::{TILE_PIXELS, TILE_PX};
 use relume_firmware::tone::ViewLight;
 
 /// Which buffer, format and view a tile was drawn with.
@@ -123,27 +124,34 @@ impl<'a> Frame<'a> {
         (TILE_PX.min(self.width.saturating_sub(x0)), TILE_PX.min(self.height.saturating_sub(y0)))
     }
 
-    /// Writes a tile over the view, or as premultiplied colours.
-    pub fn write_tile(
+    /// Relights tile number `index`, whose top left pixel is `x0`, `y0`, and writes it over the view, or as premultiplied
+    /// colours. Returns the extent of its linear values. `linear` is a place to work in.
+    pub fn relight_tile(
         &self,
+        (field, index): (&Field<'_>, usize),
         (x0, y0): (usize, usize),
-        tile: &Tile<'_>,
-        linear: &LinearTile,
-        coverage: Option<&[u8]>,
-        (light, kernel): (&ViewLight, Kernel),
-    ) {
+        (coefficients, light): (&Coefficients, &TileLight<'_>),
+        (view_light, kernel): (&ViewLight, Kernel),
+        linear: &mut LinearTile,
+    ) -> Extent {
         let (width, height) = self.tile_size((x0, y0));
         if self.format == Format::Argb8888 {
-            return self.write_words((x0, y0), &premultiplied(tile, linear, coverage, kernel));
+            let extent = coefficients.pixels(field, index, light, kernel, linear);
+            let tile = field.response().tile(index);
+            self.write_words((x0, y0), &premultiplied(&tile, linear, field.coverage(index), kernel));
+            return extent;
         }
         // Composited beside the buffer: display memory is often slow to read, and this has one format.
         let mut words = [0u32; TILE_PIXELS];
-        let Ok(mut surface) = Surface::new(&mut words, width, height, TILE_PX) else { return };
+        let Ok(mut surface) = Surface::new(&mut words, width, height, TILE_PX) else { return Extent::EMPTY };
         let stride = self.view.stride;
         let behind = self.view.pixels_xrgb.get(y0 * stride + x0..).unwrap_or(&[]);
         let view = ViewPixels { pixels_xrgb: behind, stride };
-        Compositor { view, light, kernel }.tile(tile, linear, coverage, (0, 0), (&mut surface, 0));
+        let target = composite::Target { surface: &mut surface, surface_y0: 0, at: (0, 0) };
+        let extent =
+            Compositor { view, light: view_light, kernel }.tile(field, index, (coefficients, light), linear, target);
         self.write_words((x0, y0), &words);
+        extent
     }
 
     fn write_words(&self, (x0, y0): (usize, usize), words: &[u32; TILE_PIXELS]) {

@@ -292,7 +292,7 @@ pub unsafe extern "C" fn relume_set_light(object: *mut Relume, light: *const Rel
         // SAFETY: this function's own contract; [f32; 3] is three f32 one after the other.
         let radiance = unsafe { slice(light.radiance_rgb.cast::<[f32; 3]>(), light.patches as usize) }?;
         let sun = SunWeight { dir_world: light.sun_dir_world, irradiance: light.sun_irradiance };
-        object.relighting_mut().set_light(radiance, sun, light.exposure)
+        object.set_light(radiance, sun, light.exposure)
     })
 }
 
@@ -322,7 +322,8 @@ pub unsafe extern "C" fn relume_trace_sun(object: *mut Relume, first_band: u32, 
 /// `*report` unless that is null.
 ///
 /// A tile stays as it is if it was drawn into this buffer before (same address, stride and format), over this view (same
-/// address, stride and sequence), and the newest light would change it by less than half a code.
+/// address, stride and sequence), and the newest light would change it by less than half a code. The report says how
+/// right the bands are, with all that was left as it was.
 ///
 /// Several threads may relight bands of their own at once, each with a report of its own.
 ///
@@ -354,8 +355,8 @@ pub unsafe extern "C" fn relume_relight(
         let mut tally = Tally::default();
         for band in bands {
             // SAFETY: this function's own contract: these bands are this call's, and nobody traces.
-            let (states, plane) = unsafe { (object.states(band), object.plane()) };
-            tally = tally.plus(relighting.relight_band(band, (states, plane), &frame, &mut damage));
+            let (states, blocks, plane) = unsafe { (object.states(band), object.blocks(band), object.plane()) };
+            tally = tally.plus(relighting.relight_band(band, (states, blocks, plane), &frame, &mut damage));
         }
         let count = damage.count() as u32;
         // SAFETY: `room` has checked the pointer; readable and writable by this function's contract.
@@ -366,6 +367,8 @@ pub unsafe extern "C" fn relume_relight(
             report.tiles_empty = tally.empty;
             report.tiles_sun_stale = tally.sun_stale;
             report.patches_dark = relighting.patches_dark() as u32;
+            report.patches_apart = relighting.patches_apart() as u32;
+            (report.bound_linear, report.bound_codes) = relighting.known_bound(tally);
         }
         Ok(())
     })

@@ -4,6 +4,7 @@
 //! those who link it is `README.md` beside this crate; [`interface`] has the functions, [`types`] what they take.
 #![cfg_attr(not(test), no_std)]
 
+mod block_state;
 mod damage;
 mod frame;
 #[allow(unsafe_code)]

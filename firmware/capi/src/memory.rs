@@ -1,10 +1,14 @@
-//! An object in the caller's memory: the shared part, then a state per tile, then the sun's response plane.
+//! An object in the caller's memory: the shared part, its large parts, a state per tile, a state per block, the sun's response plane.
 
+use crate::block_state::{BandBlocks, BlockState};
 use crate::object::Relighting;
 use crate::tile_state::TileState;
 use crate::types::{RELUME_MEMORY_ALIGN, RelumeError};
 use core::ops::Range;
 use relume_firmware::field::Field;
+use relume_firmware::sunlight::SunLight;
+use relume_firmware::tile::BLOCK_TILES;
+use relume_firmware::weights::{FixedWeights, SunWeight};
 
 /// An open field that relights, in the caller's memory.
 pub struct Relume {
@@ -12,15 +16,23 @@ pub struct Relume {
     itself: usize,
     relighting: Relighting,
     states: *mut TileState,
+    blocks: *mut BlockState,
     plane: *mut u16,
 }
 
-const _: () = assert!(align_of::<Relume>() <= RELUME_MEMORY_ALIGN && align_of::<TileState>() <= RELUME_MEMORY_ALIGN);
+const _: () = assert!(align_of::<Relume>() <= RELUME_MEMORY_ALIGN);
+const _: () =
+    assert!(align_of::<FixedWeights>() <= RELUME_MEMORY_ALIGN && align_of::<SunLight>() <= RELUME_MEMORY_ALIGN);
+const _: () =
+    assert!(align_of::<TileState>() <= RELUME_MEMORY_ALIGN && align_of::<BlockState>() <= RELUME_MEMORY_ALIGN);
 
 /// Byte offsets of the parts.
 #[derive(Clone, Copy)]
 pub struct Layout {
+    weights_at: usize,
+    sun_light_at: usize,
     states_at: usize,
+    blocks_at: usize,
     plane_at: usize,
     /// Length of all, bytes.
     pub length: usize,
@@ -31,11 +43,27 @@ impl Layout {
     pub fn new(field: &Field<'_>) -> Option<Self> {
         let response = field.response();
         let aligned = |bytes: usize| bytes.checked_next_multiple_of(RELUME_MEMORY_ALIGN);
-        let states_at = aligned(size_of::<Relume>())?;
-        let plane_at = aligned(response.tiles().checked_mul(size_of::<TileState>())?.checked_add(states_at)?)?;
+        let weights_at = aligned(size_of::<Relume>())?;
+        let sun_light_at = aligned(weights_at + size_of::<FixedWeights>())?;
+        let states_at = aligned(sun_light_at + size_of::<SunLight>())?;
+        let blocks_at = aligned(response.tiles().checked_mul(size_of::<TileState>())?.checked_add(states_at)?)?;
+        let plane_at = aligned(response.blocks().checked_mul(size_of::<BlockState>())?.checked_add(blocks_at)?)?;
         let length = aligned(response.plane_len().checked_mul(2)?.checked_add(plane_at)?)?;
         isize::try_from(length).ok()?;
-        Some(Layout { states_at, plane_at, length })
+        Some(Layout { weights_at, sun_light_at, states_at, blocks_at, plane_at, length })
+    }
+}
+
+/// Writes what `make` makes to `to`, on a stack of its own, so that two large values do not lie there at once.
+///
+/// # Safety
+/// `to` is aligned and may be written for ever, by nobody else.
+#[inline(never)]
+unsafe fn place<T>(to: *mut T, make: impl FnOnce() -> T) -> &'static mut T {
+    // SAFETY: this function's own contract.
+    unsafe {
+        to.write(make());
+        &mut *to
     }
 }
 
@@ -49,13 +77,20 @@ pub unsafe fn open(memory: *mut u8, layout: Layout, field: Field<'static>) -> *m
     let response = field.response();
     // SAFETY: the parts lie in the memory one after the other, each aligned, by `Layout::new`.
     unsafe {
+        let weights = place(memory.add(layout.weights_at).cast(), || FixedWeights::dark(field.patch_set().len()));
+        let sun_light = place(memory.add(layout.sun_light_at).cast(), || SunLight::without(&field));
         let states: *mut TileState = memory.add(layout.states_at).cast();
+        let blocks: *mut BlockState = memory.add(layout.blocks_at).cast();
         let plane: *mut u16 = memory.add(layout.plane_at).cast();
         for index in 0..response.tiles() {
             states.add(index).write(TileState::new(&field, index));
         }
+        for index in 0..response.blocks() {
+            blocks.add(index).write(BlockState::new());
+        }
         plane.write_bytes(0, response.plane_len());
-        object.write(Relume { itself: object as usize, relighting: Relighting::new(field), states, plane });
+        let relighting = Relighting::new(field, weights, sun_light);
+        object.write(Relume { itself: object as usize, relighting, states, blocks, plane });
     }
     object
 }
@@ -109,9 +144,17 @@ impl Relume {
         &self.relighting
     }
 
-    /// The shared part, to change it.
-    pub fn relighting_mut(&mut self) -> &mut Relighting {
-        &mut self.relighting
+    /// Takes the light of a moment.
+    ///
+    /// # Errors
+    /// What is wrong with it; nothing has changed then.
+    pub fn set_light(&mut self, radiance: &[[f32; 3]], sun: SunWeight, exposure: f32) -> Result<(), RelumeError> {
+        self.relighting.set_light(radiance, sun, exposure)?;
+        let count = self.relighting.field().response().blocks();
+        // SAFETY: `open` wrote a state for every block; the object is borrowed exclusively, and they belong to it.
+        let blocks = unsafe { core::slice::from_raw_parts_mut(self.blocks, count) };
+        blocks.iter_mut().for_each(BlockState::forget);
+        Ok(())
     }
 
     /// Ends the object: its handle is refused from now on.
@@ -138,6 +181,19 @@ impl Relume {
         let columns = self.relighting.field().response().grid().0;
         // SAFETY: `open` wrote a state for every tile; bands' ranges are apart; used once by this function's contract.
         unsafe { core::slice::from_raw_parts_mut(self.states.add(band * columns), columns) }
+    }
+
+    /// The row of blocks that a band is part of. Its upper band owns it.
+    ///
+    /// # Safety
+    /// Nobody else relights this band, or sets the light, for the lifetime of the result.
+    pub unsafe fn blocks(&self, band: usize) -> BandBlocks<'_> {
+        let columns = self.relighting.field().response().block_grid().0;
+        let first = band / BLOCK_TILES * columns;
+        // SAFETY: `open` wrote a state for every block, and they are changed through cells alone until the light is set.
+        let blocks = unsafe { core::slice::from_raw_parts(self.blocks.add(first), columns) };
+        // SAFETY: each row has one upper band, which is used once by this function's contract.
+        unsafe { BandBlocks::new(blocks, band.is_multiple_of(BLOCK_TILES)) }
     }
 
     /// A band's part of the sun's response plane, and its place in it.

@@ -1,33 +1,38 @@
 //! The relighting of one field: light in, tiles out. Pointers are `memory`'s business.
 
+use crate::block_state::{BandBlocks, Projected};
 use crate::damage::Damage;
 use crate::frame::Frame;
 use crate::tile_state::{FrameLight, TileState};
 use crate::types::{RelumeError, RelumeRect};
+use relume_firmware::bound::BoundLight;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
-use relume_firmware::relight::{Coefficients, LinearTile, TileLight};
+use relume_firmware::relight::{LinearTile, TileLight};
 use relume_firmware::sunlight::SunLight;
-use relume_firmware::tile::{MAX_RANK, TILE_PIXELS, TILE_PX};
+use relume_firmware::tile::{BLOCK_TILES, MAX_RANK, TILE_PIXELS, TILE_PX};
 use relume_firmware::tone::ViewLight;
-use relume_firmware::weights::{FixedWeights, SunWeight};
+use relume_firmware::weights::{FixedWeights, MAX_STANDOUTS, SunWeight, standouts};
 
 /// What all bands of a picture share; only [`Relighting::set_light`] changes it.
 pub struct Relighting {
     field: Field<'static>,
     kernel: Kernel,
     view_light: ViewLight,
-    weights: FixedWeights,
+    weights: &'static mut FixedWeights,
+    bound_light: BoundLight,
     /// Counts lights, from 1.
     light: u64,
-    /// The newest direction of a sun that was up, and what traces it.
-    sun: Option<([f32; 3], SunLight)>,
+    /// The newest direction of a sun that was up.
+    sun_dir_world: Option<[f32; 3]>,
+    /// What traces it.
+    sun_light: &'static mut SunLight,
     /// Counts its changes, from 1.
     sun_number: u64,
     sun_is_up: bool,
 }
 
-/// Tiles of a call by what became of them.
+/// Tiles of a call by what became of them, and how right they are.
 #[derive(Clone, Copy, Default)]
 pub struct Tally {
     /// Written, with geometry.
@@ -38,6 +43,8 @@ pub struct Tally {
     pub empty: u32,
     /// With geometry, and sunlight of an earlier direction.
     pub sun_stale: u32,
+    /// Bounds on the error of what is shown: linear, and codes.
+    pub bound: (f32, f32),
 }
 
 impl Tally {
@@ -48,20 +55,24 @@ impl Tally {
             kept: self.kept + other.kept,
             empty: self.empty + other.empty,
             sun_stale: self.sun_stale + other.sun_stale,
+            bound: (self.bound.0.max(other.bound.0), self.bound.1.max(other.bound.1)),
         }
     }
 }
 
 impl Relighting {
-    /// In the dark, on this machine's fastest kernel.
-    pub fn new(field: Field<'static>) -> Self {
+    /// In the dark, on this machine's fastest kernel. The large parts, both of this field and without light, lie elsewhere:
+    /// they would fill a small stack on their way.
+    pub fn new(field: Field<'static>, weights: &'static mut FixedWeights, sun_light: &'static mut SunLight) -> Self {
         Relighting {
             field,
             kernel: Kernel::detect(),
             view_light: ViewLight::new(),
-            weights: FixedWeights::dark(field.patch_set().len()),
+            weights,
+            bound_light: BoundLight::DARK,
             light: 1,
-            sun: None,
+            sun_dir_world: None,
+            sun_light,
             sun_number: 0,
             sun_is_up: false,
         }
@@ -77,6 +88,16 @@ impl Relighting {
         self.weights.dark_patches()
     }
 
+    /// Patches shown by their own rows.
+    pub fn patches_apart(&self) -> usize {
+        self.weights.apart().count()
+    }
+
+    /// A call's bound; NaN where the field has none.
+    pub fn known_bound(&self, tally: Tally) -> (f32, f32) {
+        if self.field.bounds().is_some() { tally.bound } else { (f32::NAN, f32::NAN) }
+    }
+
     /// Takes the light of a moment. A sun at or below the horizon, or without irradiance, is none.
     ///
     /// # Errors
@@ -84,14 +105,20 @@ impl Relighting {
     pub fn set_light(&mut self, radiance: &[[f32; 3]], sun: SunWeight, exposure: f32) -> Result<(), RelumeError> {
         // Whatever is not nothing goes to the weights, which refuse what is no sun.
         let sun = Some(sun).filter(|sun| sun.irradiance.iter().any(|&e| e != 0.0));
-        self.weights.set(radiance, sun.as_ref(), exposure)?;
+        let mut apart = [0u16; MAX_STANDOUTS];
+        let count = if self.field.way_back().bytes() > 0 { standouts(radiance, &mut apart) } else { 0 };
+        self.weights.set(radiance, sun.as_ref(), exposure, &apart[..count])?;
+        if let Some(bounds) = self.field.bounds() {
+            bounds.light(self.weights, &mut self.bound_light);
+        }
         let sun = sun.filter(|sun| sun.dir_world[1] >= 0.0);
         self.light += 1;
         self.sun_is_up = sun.is_some();
         if let Some(SunWeight { dir_world, .. }) = sun
-            && self.sun.as_ref().is_none_or(|(old, _)| *old != dir_world)
+            && self.sun_dir_world != Some(dir_world)
         {
-            self.sun = Some((dir_world, SunLight::new(&self.field, dir_world)));
+            self.sun_dir_world = Some(dir_world);
+            self.sun_light.set(&self.field, dir_world);
             self.sun_number += 1;
         }
         Ok(())
@@ -112,7 +139,9 @@ impl Relighting {
     /// Traces the sun's light in those tiles of a band that have not seen its newest direction. `states` are the
     /// band's tiles, `slots` its part of the plane ([`Relighting::slots_of`]).
     pub fn trace_band(&self, band: usize, states: &mut [TileState], slots: &mut [u16]) {
-        let Some((_, sun)) = &self.sun else { return };
+        if self.sun_dir_world.is_none() {
+            return;
+        }
         let begin = self.slots_of(band).start;
         let mut fresh = [0u16; 3 * TILE_PIXELS];
         for (column, state) in states.iter_mut().enumerate() {
@@ -122,7 +151,7 @@ impl Relighting {
             let index = self.first_tile(band) + column;
             let tile = self.field.response().tile(index);
             let fresh = &mut fresh[..3 * tile.padded_pixels()];
-            sun.tile(&self.field, index, self.kernel, fresh);
+            self.sun_light.tile(&self.field, index, self.kernel, fresh);
             let at = tile.plane_at - begin;
             state.take_sun(self.sun_number, &mut slots[at..at + fresh.len()], fresh);
         }
@@ -133,60 +162,77 @@ impl Relighting {
         self.sun_is_up && states.iter().any(|state| !state.empty && state.traced_sun == 0)
     }
 
-    /// Draws what has changed in a band. `states` are the band's tiles, `plane` is the whole plane.
+    /// Draws what has changed in a band. `states` are the band's tiles, `blocks` its row of blocks, `plane` is the whole
+    /// plane.
     pub fn relight_band(
         &self,
         band: usize,
-        (states, plane): (&mut [TileState], &[u16]),
+        (states, mut blocks, plane): (&mut [TileState], BandBlocks<'_>, &[u16]),
         frame: &Frame<'_>,
         damage: &mut Damage<'_>,
     ) -> Tally {
         let sun = self.sun_is_up.then_some((plane, self.weights.sun_q16()));
-        let tile_light = TileLight { sun, standouts: self.weights.standouts() };
-        let frame_light = FrameLight {
-            sun_q16: if self.sun_is_up { self.weights.sun_q16() } else { [0; 3] },
-            standouts: self.weights.standouts(),
-        };
-        let light = (self.light, frame_light);
+        let light = TileLight { sun, weights: self.weights };
         let mut tally = Tally::default();
-        let (mut linear, mut coefficients) = (LinearTile::new(), Coefficients::ZERO);
+        let mut linear = LinearTile::new();
         for (column, state) in states.iter_mut().enumerate() {
             let index = self.first_tile(band) + column;
-            let stale = self.sun_is_up && !state.empty && state.traced_sun != self.sun_number;
-            tally.sun_stale += u32::from(stale);
-            tally.empty += u32::from(state.empty);
-            let in_place = !frame.redraw && state.in_place(frame.target(), frame.view());
-            let mut stays = in_place && state.shows_light(self.light);
+            let stays = self.bring_up_to_date(index, (state, &mut blocks), &light, frame, &mut linear);
             if !stays {
-                self.project(index, state.empty, &mut coefficients);
-                stays = in_place && state.may_stay(&self.field, index, &coefficients, light);
+                let at = (column * TILE_PX, band * TILE_PX);
+                let (width, height) = frame.tile_size(at);
+                let [x, y, width, height] = [at.0, at.1, width, height].map(|px| px as u32);
+                damage.add(RelumeRect { x, y, width, height });
             }
-            if stays {
-                tally.kept += u32::from(!state.empty);
-                continue;
-            }
-            coefficients.pixels(&self.field, index, &tile_light, self.kernel, &mut linear);
-            let at = (column * TILE_PX, band * TILE_PX);
-            self.write(index, at, &linear, frame, damage);
-            state.note_drawn(&coefficients, light, (frame.target(), frame.view()));
-            tally.drawn += u32::from(!state.empty);
+            let shown = u32::from(!state.empty);
+            tally = tally.plus(Tally {
+                drawn: shown * u32::from(!stays),
+                kept: shown * u32::from(stays),
+                empty: 1 - shown,
+                sun_stale: shown * u32::from(self.sun_is_up && state.traced_sun != self.sun_number),
+                bound: if state.empty { (0.0, 0.0) } else { state.shown_bound },
+            });
         }
         tally
     }
 
-    fn project(&self, index: usize, empty: bool, coefficients: &mut Coefficients) {
-        if empty {
-            *coefficients = Coefficients::ZERO;
-        } else {
-            coefficients.project(&self.field.response().tile(index), &self.weights, self.kernel, MAX_RANK);
+    /// Draws a tile unless it may stay; does it?
+    fn bring_up_to_date(
+        &self,
+        index: usize,
+        (state, blocks): (&mut TileState, &mut BandBlocks<'_>),
+        light: &TileLight<'_>,
+        frame: &Frame<'_>,
+        linear: &mut LinearTile,
+    ) -> bool {
+        let in_place = !frame.redraw && state.in_place(frame.target(), frame.view());
+        if in_place && state.shows_light(self.light) {
+            return true;
         }
+        let columns = self.field.response().grid().0;
+        let (row, column) = (index / columns, index % columns);
+        let projected = match state.empty {
+            true => &Projected::DARK,
+            false => blocks.get(column / BLOCK_TILES, |projected| self.project(index, projected)),
+        };
+        let sun_q16 = light.sun.map_or([0; 3], |(_, q16)| q16);
+        let frame_light = FrameLight { number: self.light, sun_q16, weights: self.weights };
+        if in_place && state.may_stay(&self.field, index, projected, frame_light) {
+            return true;
+        }
+        let at = (column * TILE_PX, row * TILE_PX);
+        let (tile, with) = ((&self.field, index), (&self.view_light, self.kernel));
+        let extent = frame.relight_tile(tile, at, (&projected.coefficients, light), with, linear);
+        state.note_drawn(tile, projected, (frame_light, extent), (frame.target(), frame.view()));
+        false
     }
 
-    fn write(&self, index: usize, at: (usize, usize), linear: &LinearTile, frame: &Frame<'_>, damage: &mut Damage<'_>) {
-        let tile = self.field.response().tile(index);
-        frame.write_tile(at, &tile, linear, self.field.coverage(index), (&self.view_light, self.kernel));
-        let (width, height) = frame.tile_size(at);
-        let [x, y, width, height] = [at.0, at.1, width, height].map(|px| px as u32);
-        damage.add(RelumeRect { x, y, width, height });
+    /// Projects the light on the block of a tile with geometry.
+    fn project(&self, index: usize, projected: &mut Projected) {
+        let response = self.field.response();
+        projected.coefficients.project(&response.tile(index), self.weights, self.kernel, MAX_RANK);
+        if let Some(bounds) = self.field.bounds() {
+            projected.bound = bounds.block(response.block_of(index), &self.bound_light);
+        }
     }
 }

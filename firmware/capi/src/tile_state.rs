@@ -1,24 +1,30 @@
-//! What a tile shows, and whether that may stay.
+//! What a tile shows, whether that may stay, and how right it is.
 
+use crate::block_state::Projected;
 use crate::frame::{Target, ViewIdentity};
+use relume_firmware::bound::{DARK_POWER, code_bound};
+use relume_firmware::coefficients::TileReach;
 use relume_firmware::field::Field;
-use relume_firmware::kernel::SUN_SHIFT;
-use relume_firmware::relight::{Coefficients, LINEAR_BITS};
-use relume_firmware::tile::TILE_PIXELS;
+use relume_firmware::kernel::Extent;
+use relume_firmware::relight::{Coefficients, SUN_UNIT};
+use relume_firmware::tile::{TILE_PIXELS, Tile};
 use relume_firmware::tone::LINEAR_SLOPE;
-use relume_firmware::weights::{MAX_STANDOUTS, Standout};
+use relume_firmware::weights::{Apart, FixedWeights, MAX_STANDOUTS};
 
-/// A tile is kept when the bound on its change is below half an 8-bit code where the tone curve is steepest
-/// (1/2^20 of display white).
-const HALF_CODE: f32 = 0.5 / LINEAR_SLOPE * (1 << LINEAR_BITS) as f32;
+/// A tile is kept when no code of it changes by more than this before rounding.
+const HALF_CODE: f32 = 0.5;
+/// Rounding of an 8-bit code, and what the tone kernel's curve is off by.
+const CODE_ROUNDING: f32 = 0.55;
 
-/// The light of a frame beside the tile's own coefficients.
+/// The light of a frame beside the blocks' coefficients.
 #[derive(Clone, Copy)]
 pub struct FrameLight<'a> {
+    /// The light's number.
+    pub number: u64,
     /// The sun's weight; 0: no sun.
     pub sun_q16: [u32; 3],
-    /// Patches whose residuals are read.
-    pub standouts: &'a [Standout],
+    /// Patches apart: shown by their own rows.
+    pub weights: &'a FixedWeights,
 }
 
 /// What a tile was last drawn with.
@@ -26,7 +32,11 @@ pub struct FrameLight<'a> {
 struct Drawn {
     coefficients: Coefficients,
     sun_q16: [u32; 3],
-    standouts: [Standout; MAX_STANDOUTS],
+    apart: [Apart; MAX_STANDOUTS],
+    apart_count: usize,
+    extent: Extent,
+    /// Bounds on its error, `[plain, weighted][channel]`.
+    bound: [[f32; 3]; 2],
     view: ViewIdentity,
     target: Target,
 }
@@ -42,6 +52,10 @@ pub struct TileState {
     sun_drift: u32,
     /// Largest value of the sun's response before and after the newest tracing, in 1/32768.
     sun_peak: u32,
+    /// Smallest row scale / 65535 that is not black, per channel.
+    darkest_row: [f32; 3],
+    /// Bounds on what is shown now: linear, and codes with rounding.
+    pub shown_bound: (f32, f32),
     /// Does the view show through anywhere?
     shows_view: bool,
     /// Has the tile no geometry?
@@ -58,6 +72,8 @@ impl TileState {
             traced_sun: 0,
             sun_drift: 0,
             sun_peak: 0,
+            darkest_row: darkest_row(&tile),
+            shown_bound: (0.0, 0.0),
             shows_view: tile.pixels() < TILE_PIXELS || field.coverage(index).is_some(),
             empty: tile.pixels() == 0,
         }
@@ -87,64 +103,117 @@ impl TileState {
         self.empty || self.judged_light == light
     }
 
-    /// Would the tile change by less than half a code? Remembers it if so.
-    pub fn may_stay(
-        &mut self,
-        field: &Field<'_>,
-        index: usize,
-        coefficients: &Coefficients,
-        (light, frame): (u64, FrameLight<'_>),
-    ) -> bool {
+    /// Would the tile change by less than half a code? Remembers it if so, and how right the tile still is.
+    pub fn may_stay(&mut self, field: &Field<'_>, index: usize, projected: &Projected, light: FrameLight<'_>) -> bool {
         let Some(drawn) = &self.drawn else { return false };
-        let unit = (1u32 << SUN_SHIFT) as f32;
-        let sun = |c: usize| {
-            let (old, new) = (drawn.sun_q16[c], frame.sun_q16[c]);
-            (self.sun_drift as f32 * old.max(new) as f32 + old.abs_diff(new) as f32 * self.sun_peak as f32) / unit
-        };
-        let mut bound = coefficients.change_bound(&drawn.coefficients) + sun(0).max(sun(1)).max(sun(2));
-        if bound < HALF_CODE {
-            bound += residual_change(field, index, frame.standouts, &drawn.standouts);
+        let tile = field.response().tile(index);
+        let rows = rows_change((field, index, &tile), &drawn.apart[..drawn.apart_count], light.weights);
+        let mut moved = projected.coefficients.change_bound(&drawn.coefficients, &tile, &TileReach(&[]));
+        for kind in &mut moved {
+            kind.iter_mut().zip(rows).for_each(|(moved, rows)| *moved += rows);
         }
-        let stays = bound < HALF_CODE;
-        if stays {
-            self.judged_light = light;
+        let sun = self.sun_change(drawn, light.sun_q16);
+        if self.codes(&drawn.extent, moved, sun) >= HALF_CODE {
+            return false;
         }
-        stays
+        for (moved, bound) in moved.iter_mut().flatten().zip(drawn.bound.iter().flatten()) {
+            *moved += bound;
+        }
+        self.shown_bound = self.bound_of(&drawn.extent, moved, sun);
+        self.judged_light = light.number;
+        true
     }
 
     /// Notes that the tile was drawn.
     pub fn note_drawn(
         &mut self,
-        coefficients: &Coefficients,
-        (light, frame): (u64, FrameLight<'_>),
+        (field, index): (&Field<'_>, usize),
+        projected: &Projected,
+        (light, extent): (FrameLight<'_>, Extent),
         (target, view): (Target, ViewIdentity),
     ) {
-        let mut standouts = [Standout::default(); MAX_STANDOUTS];
-        for (own, other) in standouts.iter_mut().zip(frame.standouts) {
-            *own = *other;
+        let Projected { coefficients, mut bound } = *projected;
+        let tile = field.response().tile(index);
+        let rounding = coefficients.rounding_bound(&coefficients, &tile);
+        let rows = rows_error((field, index, &tile), light.weights);
+        for kind in &mut bound {
+            kind.iter_mut().zip(rounding.iter().zip(rows)).for_each(|(bound, (a, b))| *bound += a + b);
         }
-        let coefficients = *coefficients;
-        self.drawn = Some(Drawn { coefficients, sun_q16: frame.sun_q16, standouts, view, target });
-        self.judged_light = light;
+        let mut apart = [Apart::default(); MAX_STANDOUTS];
+        let apart_count = apart.iter_mut().zip(light.weights.apart()).map(|(own, other)| *own = other).count();
+        let sun_q16 = light.sun_q16;
+        self.shown_bound = self.bound_of(&extent, bound, [0.0; 3]);
+        self.drawn = Some(Drawn { coefficients, sun_q16, apart, apart_count, extent, bound, view, target });
+        self.judged_light = light.number;
         self.sun_drift = 0;
+    }
+
+    /// A bound on the change of the sun's light since the tile was drawn, per channel.
+    fn sun_change(&self, drawn: &Drawn, sun_q16: [u32; 3]) -> [f32; 3] {
+        core::array::from_fn(|c| {
+            let (old, new) = (drawn.sun_q16[c], sun_q16[c]);
+            let moved = self.sun_drift as f32 * old.max(new) as f32;
+            (moved + old.abs_diff(new) as f32 * self.sun_peak as f32) * SUN_UNIT
+        })
+    }
+
+    /// Linear and, with rounding, in codes: what is shown when the sky's light is within `sky` and the sun's within `sun`.
+    fn bound_of(&self, extent: &Extent, sky: [[f32; 3]; 2], sun: [f32; 3]) -> (f32, f32) {
+        (sky[0].into_iter().fold(0.0, f32::max), self.codes(extent, sky, sun) + CODE_ROUNDING)
+    }
+
+    /// The largest change of a code that a change of the sky's light within `sky` and of the sun's within `sun` makes
+    /// in a tile of linear values within `extent`.
+    fn codes(&self, extent: &Extent, sky: [[f32; 3]; 2], sun: [f32; 3]) -> f32 {
+        let smallest = extent.smallest();
+        let code = |c: usize| {
+            let after = smallest[c] - sky[0][c] - sun[c];
+            let slope = if after > 0.0 { 112.1 * libm::powf(after, -DARK_POWER) } else { f32::MAX };
+            let by_sun = if sun[c] > 0.0 { slope.min(LINEAR_SLOPE) * sun[c] } else { 0.0 };
+            code_bound(sky[0][c], sky[1][c], smallest[c], self.darkest_row[c]) + by_sun
+        };
+        code(0).max(code(1)).max(code(2))
     }
 }
 
-/// A bound on what residuals change in a tile between two lights' standouts, in 1/2^20 of display white.
-fn residual_change(field: &Field<'_>, index: usize, new: &[Standout], old: &[Standout]) -> f32 {
-    if new.is_empty() && old.iter().all(|s| s.light == [0.0; 3]) {
-        return 0.0;
-    }
-    let (tile, residuals) = (field.response().tile(index), field.residuals());
-    let light =
-        |of: &[Standout], patch: u16| of.iter().find(|s| s.patch == patch).map_or([0.0; 3], |standout| standout.light);
-    let change = |patch: u16| {
-        let Some(residual) = residuals.get(index, &tile, usize::from(patch)) else { return 0.0 };
-        let (new, old) = (light(new, patch), light(old, patch));
-        let step = |c: usize| (new[c] - old[c]).abs() * residual.scale[c];
-        127.0 * step(0).max(step(1)).max(step(2))
+/// A bound on what the rows of patches apart change in a tile, per channel; it holds over
+/// (row scale / 65535)^0.583, too.
+fn rows_change((field, index, tile): (&Field<'_>, usize, &Tile<'_>), old: &[Apart], new: &FixedWeights) -> [f32; 3] {
+    let mut sum = [0.0f32; 3];
+    let mut add = |patch: u16, before: [f32; 3], after: [f32; 3]| {
+        let Some(rows) = field.way_back().get(index, tile, usize::from(patch)) else { return };
+        let largest = rows.largest();
+        for (c, sum) in sum.iter_mut().enumerate() {
+            *sum += (after[c] - before[c]).abs() * largest * tile.row_top(c) * 1.0001;
+        }
     };
-    let gone = old.iter().filter(|s| light(new, s.patch) == [0.0; 3] && s.light != [0.0; 3]);
-    let sum: f32 = new.iter().chain(gone).map(|standout| change(standout.patch)).sum();
-    sum * (1 << LINEAR_BITS) as f32 + 1.0
+    for apart in new.apart() {
+        let before = old.iter().find(|o| o.patch == apart.patch).map_or([0.0; 3], |o| o.light);
+        add(apart.patch, before, apart.light);
+    }
+    for gone in old.iter().filter(|o| new.apart().all(|a| a.patch != o.patch)) {
+        add(gone.patch, gone.light, [0.0; 3]);
+    }
+    sum
+}
+
+/// A bound on the error of the rows of patches apart, plain and weighted.
+fn rows_error((field, index, tile): (&Field<'_>, usize, &Tile<'_>), weights: &FixedWeights) -> [f32; 3] {
+    let mut sum = [0.0f32; 3];
+    for apart in weights.apart() {
+        if let Some(rows) = field.way_back().get(index, tile, usize::from(apart.patch)) {
+            let error = rows.error();
+            (0..3).for_each(|c| sum[c] += error * apart.light[c] * tile.row_top(c) * 1.0001);
+        }
+    }
+    sum
+}
+
+fn darkest_row(tile: &Tile<'_>) -> [f32; 3] {
+    let n = tile.padded_pixels();
+    core::array::from_fn(|c| {
+        let rows = tile.rows.as_chunks::<2>().0[c * n..][..tile.pixels()].iter();
+        let darkest = rows.map(|row| u16::from_le_bytes(*row)).filter(|&row| row > 0).min();
+        f32::from(darkest.unwrap_or(u16::MAX)) / 65535.0
+    })
 }

@@ -197,6 +197,14 @@ pub struct RelumeReport {
     pub tiles_sun_stale: u32,
     /// Patches without light: not read.
     pub patches_dark: u32,
+    /// Patches that outshine the sky, shown by rows of their own.
+    pub patches_apart: u32,
+    /// How right these bands are now: no linear value (1 = display white) of the sky's light is further from that of the
+    /// uncompressed response than this, whatever the light. NaN: the field was baked without bounds.
+    pub bound_linear: f32,
+    /// The same in 8-bit codes, rounding included, before they are brought to a smaller format; where coverage is
+    /// partial, premultiplied ones may be half a code further. NaN: the field was baked without bounds.
+    pub bound_codes: f32,
 }
 
 impl From<FieldError> for RelumeError {

@@ -44,7 +44,9 @@ void close_field(opened *it) {
 void make_light(opened *it, unsigned seed) {
     for (unsigned patch = 0; patch < it->info.patches; patch++) {
         for (unsigned c = 0; c < 3; c++) {
-            it->radiance[3 * patch + c] = (float)((patch * 7 + c * 13 + seed * 31) % 64) / 64.0f;
+            float value = (float)((patch * 7 + c * 13 + seed * 31) % 64) / 64.0f;
+            int outshines = seed % 5 == 4 && patch % 9 == 3; /* as the sky around the sun does */
+            it->radiance[3 * patch + c] = outshines ? 32.0f + 8.0f * value : value;
         }
     }
     it->light.radiance_rgb = it->radiance;

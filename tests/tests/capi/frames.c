@@ -25,6 +25,29 @@ static void formats(bytes field, const char *folder) {
     }
 }
 
+/* Ordinary light, and light with patches that outshine the sky; what the report says of them. */
+static void lights(bytes field, const char *folder) {
+    for (unsigned seed = 1; seed <= 4; seed += 3) {
+        opened it = open_field(field);
+        shine(&it, seed);
+        DONE(relume_trace_sun(it.object, 0, it.info.bands));
+        canvas on = make_canvas(&it, RELUME_FORMAT_XRGB8888);
+        uint32_t *view = make_view(&it);
+        show_view(&it, &on, view, 1);
+        relume_report report = {0};
+        DONE(relume_relight(it.object, &on.frame, 0, it.info.bands, &report));
+        char name[64];
+        snprintf(name, sizeof name, "light-%u.raw", seed);
+        write_canvas(&it, &on, folder, name);
+        struct { uint32_t apart; float linear, codes; } told = {report.patches_apart, report.bound_linear, report.bound_codes};
+        snprintf(name, sizeof name, "bound-%u.raw", seed);
+        write_bytes(folder, name, &told, sizeof told);
+        free(view);
+        free(on.data);
+        close_field(&it);
+    }
+}
+
 static void facts(bytes field, const char *folder) {
     opened it = open_field(field);
     size_t stride = it.info.width + 3, length = stride * it.info.height;
@@ -86,11 +109,15 @@ static void skipping(bytes field) {
     DONE(relume_trace_sun(it.object, 0, it.info.bands));
     relume_report all = relight(&it, &on, ROOM);
     EXPECT(all.tiles_kept == 0 && all.tiles_drawn > 0 && all.damage_count == it.info.bands);
-    EXPECT(relight(&it, &on, ROOM).damage_count == 0); /* nothing has changed */
+    relume_report same = relight(&it, &on, ROOM);
+    EXPECT(same.damage_count == 0); /* nothing has changed */
+    EXPECT(same.bound_linear == all.bound_linear && same.bound_codes == all.bound_codes);
 
-    it.radiance[4] += 1e-6f; /* not visible */
+    it.light.exposure *= 1.0002f; /* not visible */
     DONE(relume_set_light(it.object, &it.light));
-    EXPECT(relight(&it, &on, ROOM).damage_count == 0);
+    relume_report near = relight(&it, &on, ROOM);
+    EXPECT(near.damage_count == 0); /* but not as right as it was */
+    EXPECT(near.bound_linear > all.bound_linear && near.bound_codes > all.bound_codes);
 
     memset(on.data, 0xa5, on.length); /* so that what is written shows */
     show_view(&it, &on, view, 2);
@@ -171,13 +198,13 @@ static int difference(const opened *it, const canvas *a, const canvas *b) {
 }
 
 /* What is left as it was never falls behind by more than rounding shows, however small the steps. */
-static void drift(bytes field) {
+static void drift(bytes field, unsigned seed) {
     opened it = open_field(field), fresh = open_field(field);
     canvas on = make_canvas(&it, RELUME_FORMAT_XRGB8888), exact = make_canvas(&fresh, RELUME_FORMAT_XRGB8888);
     uint32_t kept = 0, drawn = 0;
     for (int step = 0; step < 200; step++) {
-        make_light(&it, 1);
-        make_light(&fresh, 1);
+        make_light(&it, seed);
+        make_light(&fresh, seed);
         it.light.exposure = fresh.light.exposure = 0.05f + 1e-5f * (float)step;
         DONE(relume_set_light(it.object, &it.light));
         DONE(relume_set_light(fresh.object, &fresh.light));
@@ -199,11 +226,13 @@ static void drift(bytes field) {
 
 void check_frames(bytes field, const char *folder) {
     formats(field, folder);
+    lights(field, folder);
     facts(field, folder);
 }
 
 void check_skipping(bytes field) {
     skipping(field);
     sun(field);
-    drift(field);
+    drift(field, 1);
+    drift(field, 4); /* with patches that outshine the sky */
 }
