@@ -181,7 +181,7 @@ fn add_planes(planes: &[u8], plane_bytes: usize, codes: &mut [u8]) {
         for (bits, codes) in plane.iter().zip(codes.as_chunks_mut::<8>().0) {
             let picked = (u64::from(*bits) * SPREAD) & PICK;
             // One in every byte that has its bit: adding 7F carries into the top bit of each byte that is not 0.
-            let ones = ((picked & !(SPREAD << 7)) + SPREAD * 0x7f | picked) >> 7 & SPREAD;
+            let ones = ((((picked & !(SPREAD << 7)) + SPREAD * 0x7f) | picked) >> 7) & SPREAD;
             let bytes = (ones << k).to_le_bytes();
             codes.iter_mut().zip(bytes).for_each(|(code, bit)| *code = code.wrapping_add(bit));
         }

@@ -432,7 +432,7 @@ mod tests {
         let mut seen = vec![];
         for k in 0..100 {
             let value = if k % 2 == 0 { 0.999 } else { 1.001 } * 32767.0 / 16384.0;
-            weights.set(&vec![[value; 3]; 16], None, 1.0, &[]).unwrap();
+            weights.set(&[[value; 3]; 16], None, 1.0, &[]).unwrap();
             seen.push(weights.exponent()[0]);
         }
         assert!(seen[2..].windows(2).all(|pair| pair[0] == pair[1]));

@@ -95,14 +95,15 @@ impl TileState {
         for c in 0..3 {
             moved.iter_mut().for_each(|kind| kind[c] += rows[c]);
         }
-        let codes = self.codes(drawing.slope, moved, self.sun_change(drawing.sun_q16()));
+        let sun = self.sun_change(drawing.sun_q16());
+        let codes = self.codes(drawing.slope, moved, sun);
         if codes >= HALF_CODE {
             return false;
         }
         for (moved, bound) in moved.iter_mut().flatten().zip(self.drawn.bound.iter().flatten()) {
             *moved += bound;
         }
-        self.note_bound(drawing.slope, moved);
+        self.note_bound(drawing.slope, moved, sun);
         true
     }
 
@@ -130,12 +131,13 @@ impl TileState {
         self.is_drawn = true;
         self.sun_drift = 0;
         let bound = self.drawn.bound;
-        self.note_bound(drawing.slope, bound);
+        self.note_bound(drawing.slope, bound, [0.0; 3]);
     }
 
-    fn note_bound(&mut self, slope: &CodeSlope, bound: [[f32; 3]; 2]) {
-        let linear = bound[0].iter().fold(0.0f32, |all, &b| all.max(b));
-        self.shown_bound = (linear, self.codes(slope, bound, [0.0; 3]) + CODE_ROUNDING);
+    /// `sun` is what the sun's light may have changed by since.
+    fn note_bound(&mut self, slope: &CodeSlope, bound: [[f32; 3]; 2], sun: [f32; 3]) {
+        let linear = (0..3).fold(0.0f32, |all, c| all.max(bound[0][c] + sun[c]));
+        self.shown_bound = (linear, self.codes(slope, bound, sun) + CODE_ROUNDING);
     }
 
     /// The largest change of a code that a change of the sky's light within `sky` and of the sun's within `sun` makes.
