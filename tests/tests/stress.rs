@@ -1,0 +1,5 @@
+//! Numerical stability: lights and responses at the ends of what numbers hold, and the certified bound against the
+//! truth. The responses have a closed form; the truth is their sum in f64.
+
+#[path = "stress/bounds.rs"]
+mod bounds;
