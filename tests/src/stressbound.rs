@@ -1,6 +1,6 @@
 //! The certified bound of every tile under a light beside the tile's true error against the uncompressed response.
 
-use crate::stressfield::StressField;
+use crate::stressfield::{Matter, StressField};
 use relume_firmware::bound::{BoundLight, CodeSlope, DARK_POWER, dark_share};
 use relume_firmware::coefficients::Coefficients;
 use relume_firmware::field::Field;
@@ -147,6 +147,12 @@ impl<'a> Examiner<'a> {
             found.bound = found.bound.max(bound);
         }
         found
+    }
+
+    /// Is the tile's block free of matter of twelve decades, whose bounds would drown all others'?
+    pub fn is_plain(&self, index: usize) -> bool {
+        let response = self.field.response();
+        response.tiles_of(response.block_of(index)).all(|tile| self.stress.matter[tile] != Matter::Decades)
     }
 
     /// What a pixel's response to each patch is too low by in the field, `[patch]`; `at` counts pixel times 3 + channel.

@@ -42,6 +42,8 @@ pub struct StressField {
     pub patches: PatchSet,
     /// Width and height, px.
     pub size: (u32, u32),
+    /// What each tile is made of.
+    pub matter: Vec<Matter>,
     /// The file.
     pub bytes: Vec<u8>,
     /// Per tile `[covered pixel][3][patch]`.
@@ -117,13 +119,14 @@ impl StressField {
         let mut writer = FieldWriter::default();
         writer.set_bound_basis(compressor.bound_basis_bytes());
         let mut tiles = Vec::new();
-        let mut responses = vec![Vec::new(); (columns * rows) as usize];
+        let matter: Vec<Matter> = matter.iter().copied().cycle().take((columns * rows) as usize).collect();
+        let mut responses = vec![Vec::new(); matter.len()];
         for (by, bx) in (0..rows.div_ceil(block)).flat_map(|y| (0..columns.div_ceil(block)).map(move |x| (y, x))) {
             let places = (by * block..rows.min(by * block + block))
                 .flat_map(|y| (bx * block..columns.min(bx * block + block)).map(move |x| (x, y)));
             let of_block = places.map(|at| {
                 let index = (at.1 * columns + at.0) as usize;
-                let response = tile_response(&patches, at, size, matter[index % matter.len()], scale);
+                let response = tile_response(&patches, at, size, matter[index], scale);
                 responses[index].clone_from(&response.response);
                 BlockTile { at, response, bounce: Vec::new() }
             });
@@ -135,7 +138,7 @@ impl StressField {
         tiles.into_iter().for_each(|tile| writer.push(tile));
         let layers = [compressor.casters.casters, compressor.casters.nodes, Vec::new()];
         let bytes = writer.into_bytes(header(patches, size, error), layers, "{}");
-        StressField { patches, size, bytes, responses }
+        StressField { patches, size, matter, bytes, responses }
     }
 
     /// The checked field.

@@ -34,7 +34,9 @@ impl Tally {
             let share = found.share;
             let holds = share.plain <= 1.0 && share.weighted <= 1.0 && share.codes <= 1.0;
             assert!(holds, "{name}, tile {index}: {found:?}");
-            (all.bound, all.error) = (all.bound.max(found.bound), all.error.max(found.error));
+            if examiner.is_plain(index) {
+                (all.bound, all.error) = (all.bound.max(found.bound), all.error.max(found.error));
+            }
         }
         self.lights += 1;
         if all.error.plain > 0.0 {
