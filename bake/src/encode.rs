@@ -43,12 +43,17 @@ impl TileBytes {
         }
         let mut rows = vec![0u8; 6 * n];
         let mut row_exponent = [0; 3];
+        // A black channel goes by the others, so that bounds that count in its units stay near.
+        let lit = |c: usize| block.row_scale[tile.clone()].iter().any(|scale| scale[c] > 0.0);
         for c in 0..3 {
             let (exponent, codes) = block_scale(block.row_scale[tile.clone()].iter().map(|scale| scale[c]));
             row_exponent[c] = exponent;
             for (x, code) in codes.iter().enumerate() {
                 rows[2 * (c * n + x)..][..2].copy_from_slice(&code.to_le_bytes());
             }
+        }
+        if let Some(most) = (0..3).filter(|&c| lit(c)).map(|c| row_exponent[c]).max() {
+            (0..3).filter(|&c| !lit(c)).for_each(|c| row_exponent[c] = most);
         }
         let (v, v_exponent) = v_bytes(block, patches);
         let record = TileRecord {

@@ -59,6 +59,9 @@ impl Coefficients {
         let full = |k: usize, sum: i32| i64::from(sum) * i64::from(scale(k));
         let largest = sums.iter().enumerate().fold(0, |all, (k, &sum)| all | full(k, sum).unsigned_abs());
         let fit = (64 - largest.leading_zeros() as i32 - 15).max(0);
+        // What would round up to 32768 takes a doubling more, and so does a unit that would be too small.
+        let fit = fit + i32::from(rounding_shift(largest as i64, fit as u32) > 32767);
+        let fit = fit.max((SMALLEST_UNIT - exponent).min(62));
         // product * 2^(fit + exponent) is radiance times exposure; a unit that is out of range is as good as its limit.
         self.unit[c] = libm::scalbnf(1.0, (fit + exponent).max(SMALLEST_UNIT)).min(UNIT_LIMIT);
         for (k, &sum) in sums.iter().enumerate() {
@@ -116,7 +119,8 @@ impl Coefficients {
                     i64::from(if k % 2 == 0 { i32::from(pair as i16) } else { pair >> 16 }.unsigned_abs())
                 })
                 .sum();
-            let counts = 127.0 * (dropped as f32 + 0.5 * rank as f32) + 1.0;
+            // Half a count of each rank; 0.01 are single precision's: 3 roundings of 2^-24 of at most 32767 counts each.
+            let counts = 127.0 * (dropped as f32 + 0.51 * rank as f32) + 1.0;
             counts * 65535.0 * all.unit[c] * row_unit(tile, c) * 1.0001
         })
     }
@@ -177,4 +181,30 @@ const ROUNDING: f32 = 1.0 / (1 << 20) as f32;
 
 fn rounding_shift(value: i64, by: u32) -> i64 {
     if by == 0 { value } else { (value + (1 << (by - 1))) >> by }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What [`Coefficients::rounding_bound`] relies on, at the ends of 16 bits and of the units.
+    #[test]
+    fn a_coefficient_is_within_half_a_count_of_its_sum() {
+        let ends = (0..31).flat_map(|bits| [(1i64 << bits) - 1, 1 << bits, (1 << bits) + 1]);
+        let numbers = ends.chain([i64::from(i32::MAX), 16_776_960, 33_553_920, 1_048_560]);
+        for sum in numbers.filter_map(|n| i32::try_from(n).ok()).flat_map(|n| [n, -n]) {
+            for scale in [1u16, 3, 32768, 65535] {
+                for exponent in [-190, -120, -40, 0] {
+                    let mut found = Coefficients::ZERO;
+                    found.set_channel(1, &[sum, 1], |_| scale, exponent);
+                    let unit = f64::from(found.unit[1]);
+                    for (q, sum) in [(found.pairs[1][0] as i16, sum), ((found.pairs[1][0] >> 16) as i16, 1)] {
+                        let exact = f64::from(sum) * f64::from(scale) * libm::scalbn(1.0, exponent);
+                        let error = (f64::from(q) * unit - exact).abs();
+                        assert!(error <= 0.5 * unit, "{sum} * {scale}, 2^{exponent}: {q} {unit}");
+                    }
+                }
+            }
+        }
+    }
 }

@@ -1,7 +1,10 @@
 //! Fixed-point weights: the sky's radiance per patch and the sun's irradiance at one moment, times the exposure.
 //!
 //! `radiance * exposure = value_q * 2^exponent` with |value_q| <= 32767 and, per channel, `sum |value_q| <= 2^24`.
-//! With |V| <= 127 a projection therefore stays within 127 * 2^24 < 2^31 in an i32 lane, whatever the order of adding.
+//! With |V| <= 127 a projection therefore stays within 127 * 2^24 < 2^31 in an i32 lane, whatever the order of adding. A
+//! [`WeightStep`] has signs and the same bound, and the sums it is added to are again those of weights: they stay within
+//! it after any number of steps. A coefficient is one of those sums times a 16-bit scale, below 2^47 in an i64, brought to
+//! 15 bits; with |U| <= 127 and at most 128 ranks a pixel's sum stays within 128 * 127 * 32767 < 2^29.
 
 use crate::patches::MAX_PATCHES;
 use crate::tile::{LANE_PAD, padded};
@@ -118,8 +121,11 @@ pub fn standouts(radiance_linear: &[[f32; 3]], out: &mut [u16; MAX_STANDOUTS]) -
     count
 }
 
-/// Exponents are kept in this range so that shifts stay small; radiance times exposure from 1e-30 to 1e30.
+/// Exponents are kept in this range so that shifts stay small.
 const EXPONENT_LIMIT: i32 = 110;
+/// Largest radiance times exposure, 2^120; more counts as this. Counts of it fit the largest exponent: 2^120 / 32767 and
+/// the sum over all patches over 2^24 are below 2^107.
+const MAX_LIGHT: f64 = (1u128 << 120) as f64;
 
 impl FixedWeights {
     /// No light at all, for a field of `patches` patches.
@@ -188,7 +194,7 @@ impl FixedWeights {
         for &patch in apart.iter().take(MAX_PATCHES) {
             if let Some(rgb) = radiance.get(usize::from(patch)) {
                 self.apart[self.apart_count] = patch;
-                self.apart_light[self.apart_count] = rgb.map(|value| value * exposure);
+                self.apart_light[self.apart_count] = rgb.map(|value| (value * exposure).min(MAX_LIGHT as f32));
                 self.apart_count += 1;
             }
         }
@@ -201,7 +207,7 @@ impl FixedWeights {
         self.apart[..self.apart_count].iter().for_each(|&patch| values[usize::from(patch)] = 0.0);
         let values = &values[..radiance.len()];
         for &value in values {
-            let value = f64::from(value) * wide;
+            let value = (f64::from(value) * wide).min(MAX_LIGHT);
             largest = largest.max(value);
             sum += value;
         }
@@ -212,9 +218,9 @@ impl FixedWeights {
         let least = exponent_above(unit).clamp(-EXPONENT_LIMIT, EXPONENT_LIMIT);
         // One step of slack: light that flickers around a power of two keeps its scale, and projections stay additive.
         let exponent = if self.exponent[channel] == least + 1 { least + 1 } else { least };
-        let scale = libm::scalbn(wide, -exponent);
+        let (scale, top) = (libm::scalbn(wide, -exponent), libm::scalbn(MAX_LIGHT, -exponent).min(32767.0));
         for (q, &value) in self.value_q[channel].iter_mut().zip(values) {
-            *q = libm::rint(f64::from(value) * scale).min(32767.0) as i16;
+            *q = libm::rint((f64::from(value) * scale).min(top)) as i16;
         }
         self.exponent[channel] = exponent;
     }
@@ -386,6 +392,17 @@ mod tests {
         weights.set(&vec![[3.0e7; 3]; MAX_PATCHES], None, 1.0, &[]).unwrap();
         let sum: i64 = weights.value_q(0).iter().map(|&q| i64::from(q)).sum();
         assert!(sum <= MAX_SUM && sum > MAX_SUM / 4);
+    }
+
+    /// The largest floats there are: no count may leave 16 bits, and no sum the range that a projection holds.
+    #[test]
+    fn the_sum_stays_in_its_bound_at_the_brightest_light() {
+        let mut weights = FixedWeights::dark(MAX_PATCHES);
+        for (radiance, exposure) in [(f32::MAX, 1.0), (1e38, 0.5), (f32::MAX, f32::MAX), (1.0, f32::MAX)] {
+            weights.set(&vec![[radiance; 3]; MAX_PATCHES], None, exposure, &[]).unwrap();
+            let sum: i64 = weights.value_q(2).iter().map(|&q| i64::from(q)).sum();
+            assert!(sum <= MAX_SUM && sum > MAX_SUM / 4, "{radiance} {exposure}: {sum}");
+        }
     }
 
     #[test]

@@ -7,3 +7,6 @@ pub mod picture;
 pub mod program;
 pub mod scene;
 pub mod skip;
+pub mod stressbound;
+pub mod stressfield;
+pub mod stresslight;

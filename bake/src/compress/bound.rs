@@ -130,8 +130,10 @@ fn ellipsoid(points: &[Vec<f64>], importance: &[f64]) -> (Vec<u8>, f32) {
     if largest <= 0.0 || !largest.is_finite() {
         return (vec![0; dims], 0.0);
     }
-    // The smallest code stands for a billionth of the largest: it must not be zero where anything is left out.
-    let codes: Vec<u8> = m.iter().map(|m| bound_code((m / largest).max(1e-8) as f32)).collect();
+    // The largest takes the last code. No code stands for less than 1e-8 of it: it must not be zero where anything is left
+    // out.
+    let top = f64::from(bound_value(u8::MAX));
+    let codes: Vec<u8> = m.iter().map(|m| bound_code(((m / largest).max(1e-8) * top) as f32)).collect();
     let rounded: Vec<f64> = codes.iter().map(|&code| f64::from(bound_value(code))).collect();
     let worst = points.iter().map(|point| fit(point, &rounded)).fold(0.0f64, f64::max);
     (codes, (worst * 1.0001) as f32)
@@ -156,5 +158,15 @@ mod tests {
             assert!(fit(point, &m) <= 1.0);
         }
         assert_eq!(ellipsoid(&[vec![0.0; 4]], &[1.0; 4]), (vec![0; 4], 0.0));
+    }
+
+    /// One point: the best ellipsoid is known, `m_d ~ F_d`, and a light of that shape meets it with equality.
+    #[test]
+    fn an_ellipsoid_around_one_point_is_tight() {
+        let point: Vec<f64> = (0..12).map(|d| 4f64.powi(-d)).collect();
+        let (codes, scale) = ellipsoid(&[point.clone()], &[1.0; 12]);
+        let bound: f64 = codes.iter().map(|&code| f64::from(bound_value(code)) * f64::from(scale)).sum();
+        let best = point.iter().map(|f| f.sqrt()).sum::<f64>().powi(2);
+        assert!(bound >= best && bound < 1.15 * best, "{bound} {best}");
     }
 }

@@ -247,3 +247,20 @@ fn a_torch_is_restored_by_its_own_rows() {
     let (before, after) = (relative_rmse(&exact, &shown), relative_rmse(&exact, &restored));
     assert!(before > 0.1 && after < 0.03, "{before} {after}");
 }
+
+/// Channels without light say nothing about the unit, and those with light are restored in it.
+#[test]
+fn rows_of_a_single_channel_are_restored() {
+    let patches = set().len();
+    let mut response = street(64, 0.1);
+    response.chunks_exact_mut(patches).enumerate().filter(|(i, _)| i % 3 > 0).for_each(|(_, row)| row.fill(0.0));
+    let block = compress(&response, patches, prior(), &target());
+    let bytes = crate::encode::TileBytes::new(&block, 0..64, [255; 32], patches);
+    let top = bytes.row_top();
+    let rows = tile_rows(&response, patches, &block, 0..64, top);
+    let largest = response.iter().fold(0.0f32, |top, &r| top.max(r));
+    for patch in &rows.patches {
+        let bound = top.map(|top| patch.error_units * rows.unit * top);
+        assert!(bound.iter().all(|&bound| bound < 0.1 * largest), "{bound:?} {largest}");
+    }
+}

@@ -44,14 +44,19 @@ pub fn tile_rows(
     let scale = |pixel: usize, c: usize| block.row_scale[pixel][c];
     let row = |pixel: usize, c: usize| &response[(pixel * 3 + c) * patches..][..patches];
     let (mut sum, mut lit) = (0.0f64, 0usize);
-    for pixel in pixels.clone() {
-        if scale(pixel, 1) > 0.0 {
-            sum += f64::from(row(pixel, 1).iter().sum::<f32>() / scale(pixel, 1));
-            lit += 1;
-        }
+    let channels = || pixels.clone().flat_map(|pixel| [0, 1, 2].map(|c| (pixel, c)));
+    for (pixel, c) in channels().filter(|&(pixel, c)| scale(pixel, c) > 0.0) {
+        sum += f64::from(row(pixel, c).iter().sum::<f32>() / scale(pixel, c));
+        lit += 1;
     }
     let fair = (sum / (lit.max(1) * patches.max(1)) as f64) as f32;
-    let unit = if fair > 0.0 && fair.is_finite() { fair * FAIR_TIMES / (FAIR_CODE * FAIR_CODE) } else { 1.0 };
+    let unit = if fair > 0.0 && fair.is_finite() {
+        fair * FAIR_TIMES / (FAIR_CODE * FAIR_CODE)
+    } else {
+        // All codes are 0: the unit only measures what is left out.
+        let left_out = |(pixel, c): (usize, usize)| row(pixel, c).iter().fold(0.0f32, |top, r| top.max(r.abs())) / row_top[c];
+        Some(channels().map(left_out).fold(0.0, f32::max)).filter(|&unit| unit > 0.0 && unit.is_finite()).unwrap_or(1.0)
+    };
     let of_patch = |patch: usize| {
         let share = |pixel: usize, c: usize| {
             let scale = scale(pixel, c);
@@ -62,7 +67,6 @@ pub fn tile_rows(
         let doublings = (top / (CODE_TOP * CODE_TOP)).log2().ceil().clamp(0.0, f32::from(MAX_UNIT_EXPONENT));
         let exponent = doublings as u8;
         let step = 2f32.powi(i32::from(exponent));
-
         // Not a number: the channel is black in this pixel, and its code says nothing.
         let code = |share: &f32| if share.is_nan() { 0 } else { (share / step).sqrt().round().min(CODE_TOP) as u8 };
         let green: Vec<u8> = wanted[0].iter().map(code).collect();

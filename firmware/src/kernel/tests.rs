@@ -72,6 +72,35 @@ fn projections_are_the_exact_sums() {
     }
 }
 
+/// The largest sums there are: 2^24 counts on V of 127, in any arrangement, and as a step up and down.
+#[test]
+fn projections_at_their_bound_do_not_wrap() {
+    let stride = crate::weights::MAX_PADDED;
+    let lit: Vec<u8> = (0..stride / 16).map(|block| block as u8).collect();
+    let even = ((1 << 24) / stride as i32) as i16;
+    let most = |sign: i16| (0..stride).map(move |k| if k < 512 { sign * 32767 } else if k == 512 { sign * 512 } else { 0 });
+    let arrangements: [Vec<i16>; 5] = [
+        most(1).collect(),
+        most(-1).collect(),
+        most(1).rev().collect(),
+        vec![even; stride],
+        most(1).enumerate().map(|(k, w)| if k % 2 == 0 { w } else { -w }).collect(),
+    ];
+    for weights in arrangements {
+        assert!(weights.iter().map(|w| i64::from(w.unsigned_abs())).sum::<i64>() <= crate::weights::MAX_SUM);
+        let rows: [fn(i16) -> i8; 4] = [|_| 127, |_| -127, |w| if w < 0 { -127 } else { 127 }, |w| if w < 0 { 127 } else { -127 }];
+        let v: Vec<u8> = rows.iter().flat_map(|row| weights.iter().map(|&w| row(w) as u8)).collect();
+        let exact = |row: &[u8]| row.iter().zip(&weights).map(|(&v, &w)| i64::from(v as i8) * i64::from(w)).sum::<i64>();
+        let expected: Vec<i64> = v.chunks_exact(stride).map(exact).collect();
+        assert!(expected.iter().all(|sum| i32::try_from(*sum).is_ok()));
+        for kernel in Kernel::paths() {
+            let mut found = [0; 4];
+            kernel.project(&Projection { v: &v, weights: &weights, lit_blocks: &lit }, &mut found);
+            assert_eq!(found.map(i64::from).to_vec(), expected, "{}", kernel.name());
+        }
+    }
+}
+
 /// A job's storage.
 struct Case {
     fill: Fill,
@@ -242,6 +271,29 @@ fn relit_values_are_the_exact_sums_to_single_precision() {
         }
         let is_guard = |at: usize| at < 16 || (at - 16) / case.stride >= n / 16 || (at - 16) % case.stride >= 16;
         assert!(new.shown.iter().enumerate().all(|(at, &word)| (word == GUARD) == is_guard(at)));
+    }
+}
+
+/// All ranks, all ends: the integer sum is the exact one, before single precision sees it.
+#[test]
+fn sums_of_the_most_ranks_do_not_wrap() {
+    let pairs = crate::tile::MAX_RANK / 2;
+    for (sign, odd) in [(1, 1), (-1, -1), (1, -1)] {
+        let mut case = Case::new(1, &mut Random(5));
+        case.pixels = 32;
+        case.covered = 32;
+        case.unit = [2f32.powi(-45); 3];
+        case.weight = None;
+        case.rows = [0xff; 6 * 32].to_vec();
+        case.u = (0..pairs * 32).flat_map(|_| [127i8 as u8, (127 * odd) as i8 as u8]).collect();
+        case.pairs = core::array::from_fn(|_| vec![(sign * 32767) & 0xffff | (sign * odd * 32767) << 16; pairs]);
+        // Below 2^29.
+        let sum = i64::from(sign) * 128 * 127 * 32767;
+        let expected = sum as f32 * 65535.0 * 2f32.powi(-45);
+        for kernel in Kernel::paths() {
+            let found = Given::by(kernel, &case, 1, false);
+            assert!(found.planes.iter().all(|plane| plane[8..40] == [expected; 32]), "{} {sign} {odd}", kernel.name());
+        }
     }
 }
 

@@ -1,0 +1,182 @@
+//! Whole frames at the ends: sizes, levels, dark tiles, flicker, and light that must be refused.
+
+use relume::relight::{Budget, FrameCounters, Framebuffer, Relighter, View};
+use relume::weights::PatchWeights;
+use relume_firmware::kernel::Kernel;
+use relume_firmware::tile::TILE_PX;
+use relume_firmware::tone::srgb_code;
+use relume_firmware::weights::WeightError;
+use relume_tests::stressbound::{Examiner, TileFound};
+use relume_tests::stressfield::{Matter, StressField};
+use relume_tests::stresslight::{self as light, PatchLight};
+
+const PLAIN: [Matter; 5] = [Matter::Street, Matter::Checkers, Matter::BlackRows, Matter::Empty, Matter::Holes];
+const BEHIND: u32 = 0x0012_3456;
+
+fn sky(light: &PatchLight) -> PatchWeights {
+    PatchWeights { radiance: light.clone(), sun: None }
+}
+
+/// A post's picture, frame after frame.
+struct Shown<'f> {
+    stress: &'f StressField,
+    relighter: Relighter<'f>,
+    view: View,
+    framebuffer: Framebuffer,
+}
+
+impl<'f> Shown<'f> {
+    fn new(stress: &'f StressField, kernel: Kernel) -> Self {
+        let (width, height) = (stress.size.0 as usize, stress.size.1 as usize);
+        Shown {
+            stress,
+            relighter: Relighter::with_kernel(stress.field(), 1, kernel),
+            view: View::new(width, height, vec![BEHIND; width * height]),
+            framebuffer: Framebuffer::new(width, height),
+        }
+    }
+
+    /// Draws a light and holds every pixel against the truth and the frame's own bound. Pixels covered in part are left
+    /// out: the view shows through them.
+    fn frame(&mut self, given: &PatchLight, exposure: f32) -> FrameCounters {
+        self.relighter.set_weights(&sky(given), exposure).unwrap();
+        let counters = self.relighter.draw(&self.view, &mut self.framebuffer);
+        let bound = f64::from(counters.bound_codes.unwrap());
+        let (field, width) = (self.relighter.field(), self.framebuffer.width);
+        let columns = field.response().grid().0;
+        let mut covered = vec![false; self.framebuffer.pixels.len()];
+        for (index, response) in self.stress.responses.iter().enumerate() {
+            let tile = field.response().tile(index);
+            for (pixel, rows) in tile.covered().zip(response.chunks_exact(3 * given.len())) {
+                let (x, y) = (index % columns * TILE_PX + pixel % TILE_PX, index / columns * TILE_PX + pixel / TILE_PX);
+                covered[y * width + x] = true;
+                for (c, row) in rows.chunks_exact(given.len()).enumerate().filter(|_| field.coverage(index).is_none()) {
+                    let truth: f64 = row.iter().zip(given).map(|(&r, rgb)| f64::from(r) * f64::from(rgb[c])).sum();
+                    let code = srgb_code((truth * f64::from(exposure)).clamp(0.0, 1.0));
+                    let shown = f64::from(self.framebuffer.pixels[y * width + x] >> (16 - 8 * c) & 0xff);
+                    assert!((shown - code).abs() <= bound, "({x}, {y}) {c}: {shown}, not {code}; bound {bound}");
+                }
+            }
+        }
+        for (at, &word) in self.framebuffer.pixels.iter().enumerate().filter(|&(at, _)| !covered[at]) {
+            assert_eq!(word, BEHIND, "pixel {at} is not covered");
+        }
+        counters
+    }
+}
+
+#[test]
+fn pictures_of_any_size() {
+    for size in [(1, 1), (16, 16), (17, 33), (31, 15), (47, 49), (5, 64)] {
+        let stress = StressField::new(16, size, 0.004, &PLAIN, 1.0);
+        let given = light::captured(&stress.patches, 4, 1.0);
+        let mut expected = None;
+        for kernel in Kernel::paths() {
+            let mut shown = Shown::new(&stress, kernel);
+            shown.frame(&given, 0.5);
+            shown.frame(&light::torch(&stress.patches, 5, 100.0), 0.5);
+            shown.relighter.set_budget(Budget::ErrorCodes(1.5)).unwrap();
+            shown.frame(&light::torch(&stress.patches, 9, 300.0), 0.2);
+            let pixels = shown.framebuffer.pixels;
+            assert_eq!(expected.get_or_insert_with(|| pixels.clone()), &pixels, "{size:?} {}", kernel.name());
+        }
+    }
+}
+
+/// Up by 2^20 and down again within 30 frames: every frame within its bound, and the last as the first.
+#[test]
+fn light_that_goes_up_and_down_by_two_to_the_twenty_in_a_second() {
+    let stress = StressField::new(16, (33, 17), 0.004, &PLAIN, 1.0);
+    let mut shown = Shown::new(&stress, Kernel::detect());
+    let given = light::captured(&stress.patches, 2, 1.0);
+    let mut first = None;
+    for frame in 0..=30i32 {
+        let level = 2f32.powf(20.0 * (1.0 - (frame - 15).abs() as f32 / 15.0));
+        shown.frame(&light::times(&given, level), 0.5);
+        first.get_or_insert_with(|| shown.framebuffer.pixels.clone());
+    }
+    for _ in 0..15 {
+        shown.frame(&light::times(&given, (1 << 20) as f32), 0.5);
+        shown.frame(&given, 0.5);
+    }
+    let code = |word: u32, c: usize| (word >> (8 * c) & 0xff) as i32;
+    let pairs = first.as_ref().unwrap().iter().zip(&shown.framebuffer.pixels);
+    assert!(pairs.into_iter().all(|(&a, &b)| (0..3).all(|c| (code(a, c) - code(b, c)).abs() <= 1)));
+}
+
+/// The brightest patch goes back and forth over the light at which the scale doubles.
+#[test]
+fn flicker_at_a_scale_boundary_steps_and_keeps_tiles() {
+    let stress = StressField::new(16, (33, 17), 0.004, &[Matter::Street], 1.0);
+    let mut shown = Shown::new(&stress, Kernel::detect());
+    let given = light::times(&vec![[1.0; 3]; stress.patches.len()], 32767.0 / 16384.0);
+    for frame in 0..40 {
+        let about = if frame % 2 == 0 { 0.9999 } else { 1.0001 };
+        let counters = shown.frame(&light::times(&given, about), 0.25);
+        assert!(frame < 2 || counters.blocks_projected == 0 && counters.tiles_drawn == 0, "{frame}: {counters:?}");
+    }
+}
+
+#[test]
+fn no_light_and_light_too_small_for_numbers_is_dark() {
+    let stress = StressField::new(16, (20, 18), 0.004, &[Matter::Street], 1.0);
+    let mut shown = Shown::new(&stress, Kernel::detect());
+    for radiance in [0.0, f32::from_bits(1), 1e-42, f32::MIN_POSITIVE] {
+        let counters = shown.frame(&vec![[radiance; 3]; stress.patches.len()], 1.0);
+        assert!(shown.framebuffer.pixels.iter().all(|&word| word == 0));
+        assert!(counters.bound_codes.unwrap() < 0.6, "{counters:?}");
+    }
+    // The same light, brought into range by the exposure, counts.
+    shown.frame(&vec![[1e-38; 3]; stress.patches.len()], 5e37);
+    assert!(shown.framebuffer.pixels.iter().all(|&word| word & 0xff > 20));
+}
+
+#[test]
+fn light_that_is_no_number_is_refused_and_changes_nothing() {
+    let stress = StressField::new(16, (20, 18), 0.004, &[Matter::Street], 1.0);
+    let mut shown = Shown::new(&stress, Kernel::detect());
+    let given = light::captured(&stress.patches, 3, 1.0);
+    shown.frame(&given, 0.5);
+    let before = shown.framebuffer.clone();
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0, -f32::MIN_POSITIVE] {
+        let mut broken = light::times(&given, 2.0);
+        broken[7][2] = bad;
+        let refused = shown.relighter.set_weights(&sky(&broken), 0.5);
+        assert!(matches!(refused, Err(WeightError::Radiance { patch: 7, .. })), "{bad}");
+        shown.relighter.redraw();
+        shown.relighter.draw(&shown.view, &mut shown.framebuffer);
+        assert_eq!(shown.framebuffer, before, "{bad}");
+    }
+    for exposure in [f32::NAN, 0.0, -1.0, f32::INFINITY] {
+        assert!(matches!(shown.relighter.set_weights(&sky(&given), exposure), Err(WeightError::Exposure(_))));
+    }
+}
+
+/// A smooth ramp whose codes are all under 16: no value is off by more than a part of a code, so that no band shows that
+/// the exact picture does not have.
+#[test]
+fn dark_tiles_have_no_bands() {
+    for (target, allowed) in [(0.008, 1.5), (0.002, 0.4)] {
+        let stress = StressField::new(64, (32, 32), target, &[Matter::Dim], 1.0);
+        let (mut examiner, mut all) = (Examiner::new(&stress), TileFound::default());
+        for seed in 0..6 {
+            let given = light::captured(&stress.patches, seed, 1.0);
+            let exposure = 0.0048 / brightest(&stress, &given);
+            examiner.set(&given, exposure, &[]);
+            for index in 0..4 {
+                let found = examiner.tile(index, &given, exposure);
+                (all.bound, all.error) = (all.bound.max(found.bound), all.error.max(found.error));
+            }
+            Shown::new(&stress, Kernel::detect()).frame(&given, exposure);
+        }
+        let (error, bound) = (all.error.codes, all.bound.codes);
+        println!("dark tiles, target {target}: error {error:.3} codes, bound {bound:.3}, looseness {:.2}", bound / error);
+        assert!(error > 0.0 && error < allowed, "{error} {allowed}");
+    }
+}
+
+/// Largest value of any pixel.
+fn brightest(stress: &StressField, given: &PatchLight) -> f32 {
+    let rows = stress.responses.iter().flat_map(|tile| tile.chunks_exact(given.len()).enumerate());
+    rows.map(|(at, row)| row.iter().zip(given).map(|(r, rgb)| r * rgb[at % 3]).sum()).fold(0.0, f32::max)
+}
