@@ -104,7 +104,7 @@ impl<'a> Examiner<'a> {
         let rounding = used.rounding_bound(&all, &tile);
         let rows = self.rows_error(index, &tile);
         bound.iter_mut().for_each(|kind| (0..3).for_each(|c| kind[c] += rounding[c] + rows[c]));
-        let light = TileLight { sun: None, weights: &self.weights };
+        let light = TileLight { sun: None, weights: &self.weights, unpacked: &[] };
         let extent = used.pixels(&self.field, index, &light, self.kernel, &mut self.linear);
         let smallest = extent.smallest();
         let codes = core::array::from_fn(|c| {
