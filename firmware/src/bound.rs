@@ -68,12 +68,7 @@ impl BoundLight {
 }
 
 impl<'a> Bounds<'a> {
-    pub(crate) fn check(
-        basis: &'a [u8],
-        records: &'a [u8],
-        blocks: usize,
-        patches: usize,
-    ) -> Result<Self, FieldError> {
+    pub(crate) fn check(basis: &'a [u8], records: &'a [u8], blocks: usize, patches: usize) -> Result<Self, FieldError> {
         let bad = FieldError::Invalid("bounds");
         if basis.len() < BASIS_HEADER {
             return Err(bad);

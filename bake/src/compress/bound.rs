@@ -149,9 +149,8 @@ mod tests {
 
     #[test]
     fn every_point_lies_in_its_ellipsoid() {
-        let points: Vec<Vec<f64>> = (0..200)
-            .map(|k| (0..12).map(|d| ((k * 37 + d * 11) % 23) as f64 * (d as f64 + 1.0)).collect())
-            .collect();
+        let points: Vec<Vec<f64>> =
+            (0..200).map(|k| (0..12).map(|d| ((k * 37 + d * 11) % 23) as f64 * (d as f64 + 1.0)).collect()).collect();
         let importance: Vec<f64> = (0..12).map(|d| 1.0 / (1.0 + d as f64)).collect();
         let (codes, scale) = ellipsoid(&points, &importance);
         for point in &points {

@@ -201,14 +201,16 @@ fn tiles_of_a_block_keep_the_ranks_they_need() {
         assert_eq!((rank, v_rank), (block.ranks[tile.start], block.rank));
         for (x, pixel) in tile.enumerate().step_by(37) {
             for c in 0..3 {
-                let row = f32::from(u16::from_le_bytes([bytes.rows[2 * (c * 256 + x)], bytes.rows[2 * (c * 256 + x) + 1]]));
+                let row =
+                    f32::from(u16::from_le_bytes([bytes.rows[2 * (c * 256 + x)], bytes.rows[2 * (c * 256 + x) + 1]]));
                 let mut shown = vec![0.0f32; patches];
                 for k in 0..rank {
                     let u = f32::from(bytes.u[(k / 2 * 256 + x) * 2 + k % 2] as i8);
                     let stride = patches.next_multiple_of(16);
                     let at = 3 * v_rank * stride + 2 * (c * v_rank + k);
                     let scale = f32::from(u16::from_le_bytes([bytes.v[at], bytes.v[at + 1]]));
-                    let unit = 2f32.powi(i32::from(bytes.record.row_exponent[c]) + i32::from(bytes.record.v_exponent[c]));
+                    let unit =
+                        2f32.powi(i32::from(bytes.record.row_exponent[c]) + i32::from(bytes.record.v_exponent[c]));
                     for (i, shown) in shown.iter_mut().enumerate() {
                         *shown += row * u * f32::from(bytes.v[(c * v_rank + k) * stride + i] as i8) * scale * unit;
                     }

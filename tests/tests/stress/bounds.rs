@@ -160,7 +160,8 @@ fn black_and_empty_tiles_are_bound_no_worse_than_their_neighbours() {
 #[test]
 fn few_and_many_patches_and_responses_of_any_size() {
     for (upper, scale) in [(16, 1.0), (16, 1e-6), (16, 1e6), (64, 1e-9), (256, 1.0)] {
-        let stress = StressField::new(upper, (33, 17), 0.004, &[Street, Checkers, Empty, OnlyRed, Black, Decades], scale);
+        let stress =
+            StressField::new(upper, (33, 17), 0.004, &[Street, Checkers, Empty, OnlyRed, Black, Decades], scale);
         let (mut examiner, mut tally) = (Examiner::new(&stress), Tally::default());
         for seed in 0..6 {
             let given = light::times(&light::captured(&stress.patches, seed, 0.3), 1.0 / scale);

@@ -169,7 +169,10 @@ fn dark_tiles_stay_near_their_codes() {
             Shown::new(&stress, Kernel::detect()).frame(&given, exposure);
         }
         let (error, bound) = (all.error.codes, all.bound.codes);
-        println!("dark tiles, target {target}: error {error:.3} codes, bound {bound:.3}, looseness {:.2}", bound / error);
+        println!(
+            "dark tiles, target {target}: error {error:.3} codes, bound {bound:.3}, looseness {:.2}",
+            bound / error
+        );
         assert!(error > 0.0 && error < 1.5, "{error}");
     }
 }
