@@ -112,6 +112,10 @@ impl Coefficients {
     /// value, per channel; it holds over (row scale / 65535)^0.583, too. `all` are the coefficients with all ranks.
     pub fn rounding_bound(&self, all: &Coefficients, tile: &Tile<'_>) -> [f32; 3] {
         let (used, rank) = (self.rank().min(tile.rank()), all.rank().min(tile.rank()));
+        if rank == 0 {
+            // Nothing is rounded, and the row scales of a black tile have no size.
+            return [0.0; 3];
+        }
         core::array::from_fn(|c| {
             let dropped: i64 = (used..rank)
                 .map(|k| {

@@ -54,7 +54,8 @@ pub fn tile_rows(
         fair * FAIR_TIMES / (FAIR_CODE * FAIR_CODE)
     } else {
         // All codes are 0: the unit only measures what is left out.
-        let left_out = |(pixel, c): (usize, usize)| row(pixel, c).iter().fold(0.0f32, |top, r| top.max(r.abs())) / row_top[c];
+        let left_out =
+            |(pixel, c): (usize, usize)| row(pixel, c).iter().fold(0.0f32, |top, r| top.max(r.abs())) / row_top[c];
         Some(channels().map(left_out).fold(0.0, f32::max)).filter(|&unit| unit > 0.0 && unit.is_finite()).unwrap_or(1.0)
     };
     let of_patch = |patch: usize| {

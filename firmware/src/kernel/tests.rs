@@ -78,7 +78,17 @@ fn projections_at_their_bound_do_not_wrap() {
     let stride = crate::weights::MAX_PADDED;
     let lit: Vec<u8> = (0..stride / 16).map(|block| block as u8).collect();
     let even = ((1 << 24) / stride as i32) as i16;
-    let most = |sign: i16| (0..stride).map(move |k| if k < 512 { sign * 32767 } else if k == 512 { sign * 512 } else { 0 });
+    let most = |sign: i16| {
+        (0..stride).map(move |k| {
+            if k < 512 {
+                sign * 32767
+            } else if k == 512 {
+                sign * 512
+            } else {
+                0
+            }
+        })
+    };
     let arrangements: [Vec<i16>; 5] = [
         most(1).collect(),
         most(-1).collect(),
@@ -88,9 +98,11 @@ fn projections_at_their_bound_do_not_wrap() {
     ];
     for weights in arrangements {
         assert!(weights.iter().map(|w| i64::from(w.unsigned_abs())).sum::<i64>() <= crate::weights::MAX_SUM);
-        let rows: [fn(i16) -> i8; 4] = [|_| 127, |_| -127, |w| if w < 0 { -127 } else { 127 }, |w| if w < 0 { 127 } else { -127 }];
+        let rows: [fn(i16) -> i8; 4] =
+            [|_| 127, |_| -127, |w| if w < 0 { -127 } else { 127 }, |w| if w < 0 { 127 } else { -127 }];
         let v: Vec<u8> = rows.iter().flat_map(|row| weights.iter().map(|&w| row(w) as u8)).collect();
-        let exact = |row: &[u8]| row.iter().zip(&weights).map(|(&v, &w)| i64::from(v as i8) * i64::from(w)).sum::<i64>();
+        let exact =
+            |row: &[u8]| row.iter().zip(&weights).map(|(&v, &w)| i64::from(v as i8) * i64::from(w)).sum::<i64>();
         let expected: Vec<i64> = v.chunks_exact(stride).map(exact).collect();
         assert!(expected.iter().all(|sum| i32::try_from(*sum).is_ok()));
         for kernel in Kernel::paths() {

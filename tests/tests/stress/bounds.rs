@@ -146,10 +146,22 @@ fn random_lights() {
     tally.report("random lights");
 }
 
+/// Black tiles and empty ones show nothing that could be rounded: a bright neighbour in their block must not make their
+/// bound larger than its own.
+#[test]
+fn black_and_empty_tiles_are_bound_no_worse_than_their_neighbours() {
+    let stress = StressField::new(16, (48, 16), 0.004, &[Street, Black, Empty], 1.0);
+    let (mut examiner, given) = (Examiner::new(&stress), light::captured(&stress.patches, 1, 1.0));
+    examiner.set(&given, 1.0, &[]);
+    let [street, black, empty] = [0, 1, 2].map(|index| examiner.tile(index, &given, 1.0).bound.plain);
+    assert!(street > 0.0 && black <= street && empty == 0.0, "{street} {black} {empty}");
+}
+
 #[test]
 fn few_and_many_patches_and_responses_of_any_size() {
     for (upper, scale) in [(16, 1.0), (16, 1e-6), (16, 1e6), (64, 1e-9), (256, 1.0)] {
-        let stress = StressField::new(upper, (33, 17), 0.004, &[Street, Checkers, Empty, OnlyRed, Black, Decades], scale);
+        let stress =
+            StressField::new(upper, (33, 17), 0.004, &[Street, Checkers, Empty, OnlyRed, Black, Decades], scale);
         let (mut examiner, mut tally) = (Examiner::new(&stress), Tally::default());
         for seed in 0..6 {
             let given = light::times(&light::captured(&stress.patches, seed, 0.3), 1.0 / scale);

@@ -76,7 +76,8 @@ fn a_million_updates_leave_no_byte_different() {
     let stress = StressField::new(16, (16, 2), 0.002, &[Matter::Checkers], 1.0);
     let field = stress.field();
     let tile = field.response().tile(0);
-    let (mut weights, mut before) = (FixedWeights::dark(stress.patches.len()), FixedWeights::dark(stress.patches.len()));
+    let (mut weights, mut before) =
+        (FixedWeights::dark(stress.patches.len()), FixedWeights::dark(stress.patches.len()));
     let (mut step, mut chance) = (WeightStep::NONE, Chance(11));
     let mut followers: Vec<Follower> = Kernel::paths().map(|kernel| Follower::new(kernel, &tile)).collect();
     let mut scratches: Vec<Follower> = Kernel::paths().map(|kernel| Follower::new(kernel, &tile)).collect();
