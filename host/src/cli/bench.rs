@@ -69,5 +69,6 @@ fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
         (Some(path), None) => eprintln!("bench: {}: not drawn; errors need --stack", path.display()),
         (None, _) => {}
     }
-    if json { super::say_json(&report) } else { super::say(&report.to_string()) }
+    if json { super::say_json(&report) } else { super::say(&report.to_string()) }?;
+    report.broken_bound().map_or(Ok(()), |line| Err(Failure::runtime(line)))
 }
