@@ -19,7 +19,7 @@ const DIRECTIONS: usize = 12;
 /// Patches nearest to a direction that change.
 const NEAREST: usize = 13;
 /// What their light is multiplied by.
-const FACTORS: [f32; 2] = [1.05, 1.5];
+const FACTORS: [f64; 2] = [1.05, 1.5];
 /// Frames timed per direction.
 const REPEATS: usize = 5;
 /// A sky clouds over in so many seconds.
@@ -147,7 +147,7 @@ pub fn run(
     let full = (0..STILL_FRAMES).map(|_| Ok(trial.stage.full_frame(clear, exposure)?.0));
     let full_s = median(&full.collect::<anyhow::Result<Vec<f64>>>()?);
     let still = trial.still(clear, full_s)?;
-    let changes = |&factor: &f32| trial.nearest(field.patch_set(), clear, factor);
+    let changes = |&factor: &f64| trial.nearest(field.patch_set(), clear, factor);
     Ok(SkippingReport {
         has_sun: clear.sun.is_some(),
         tiles: (0..field.response().tiles()).filter(|&tile| field.response().tile(tile).pixels() > 0).count(),
@@ -167,12 +167,12 @@ impl Trial<'_> {
         Ok(Still { cpu_ms: 1e3 * seconds, share_of_full_frame: seconds / full_s, counters: Counts::mean(&counters) })
     }
 
-    fn nearest(&mut self, set: &PatchSet, clear: &PatchWeights, factor: f32) -> anyhow::Result<NearestPatches> {
+    fn nearest(&mut self, set: &PatchSet, clear: &PatchWeights, factor: f64) -> anyhow::Result<NearestPatches> {
         let (mut ratios, mut took_s, mut counters, mut truly) = (Vec::new(), Vec::new(), Vec::new(), 0);
         for direction in directions() {
             let mut changed = clear.clone();
             for patch in nearest(set, direction) {
-                changed.radiance[patch] = changed.radiance[patch].map(|v| v * factor);
+                changed.radiance[patch] = changed.radiance[patch].map(|v| v * factor as f32);
             }
             let (mut full, mut step) = (Vec::new(), Vec::new());
             for repeat in 0..REPEATS {
@@ -188,7 +188,7 @@ impl Trial<'_> {
             truly += oracle.frame(&self.codes(&changed)?);
         }
         Ok(NearestPatches {
-            factor: f64::from(factor),
+            factor,
             times_less_than_full_frame_median: median(&ratios),
             times_less_than_full_frame_worst: ratios.iter().copied().fold(f64::INFINITY, f64::min),
             cpu_ms: 1e3 * median(&took_s),
