@@ -10,10 +10,15 @@
 //!
 //! Two conditions: the same field frame after frame, and copies of it in turn that hold four times the last-level cache,
 //! while the rivals' frames wander through as much memory.
+//!
+//! Beside that: the certified bounds against the true errors, arbitrary lights under an error budget, and what skipping
+//! saves when the sky changes a little, clouds over or stands still.
 
+mod arbitrary;
 mod arena;
 mod bandwidth;
 mod beyond;
+mod bounds;
 mod budget;
 mod cache;
 mod clock;
@@ -27,6 +32,7 @@ mod int8;
 mod lights;
 mod method;
 mod openblas;
+mod oracle;
 mod pca;
 mod relume;
 mod report;
@@ -34,15 +40,21 @@ mod rival;
 mod rivals;
 mod sample;
 mod skies;
+mod skipping;
+mod stage;
 mod study;
 mod sums;
+mod tilemap;
 
+pub use arbitrary::{LightsReport, OneLight, SinglePatches};
+pub use bounds::{BoundsReport, SkyBounds};
 pub use budget::Budget;
-pub use error::{Errors, Summary, compare, exposure_for, srgb_code, summarise};
+pub use error::{Errors, Summary, compare, exposure_for, srgb_code, summarise, unrounded_code};
 pub use figure::figure;
 pub use openblas::LIBRARY_VARIABLE;
 pub use report::{BenchReport, DENSE_NAME, MethodReport, RELUME_NAME, Section, SkyErrors, Timing};
 pub use skies::SkyMap;
+pub use skipping::{Counts, NearestPatches, Ramp, SkippingReport, Still};
 
 use std::cell::RefCell;
 use std::path::PathBuf;
@@ -50,6 +62,7 @@ use std::rc::Rc;
 
 use crate::exact::Stack;
 use crate::relight::FieldFile;
+use crate::weights::PatchWeights;
 use anyhow::Context;
 use method::{BenchSky, Method};
 use relume_firmware::field::Field;
@@ -98,11 +111,61 @@ pub fn run(options: &Options) -> anyhow::Result<BenchReport> {
     let pool = rival::pool(study::THREADS.into_iter().max().unwrap_or(1))?;
     let (rivals, notes) = rivals.into_methods(field.patch_set(), &pool, stack.is_some());
     notes.iter().for_each(|note| remark(note));
-    let own = Budget::ALL.map(|budget| Box::new(own_at(budget)) as Box<dyn Method>);
+    let own = own_methods(field, own_at, &covered, &skies)?;
     let cache_bytes = options.last_level_cache_bytes.or_else(cache::last_level_bytes).unwrap_or(0);
     let scale = study::Scale { covered_px: covered.len(), bandwidth: bandwidth::read_bandwidth(cache_bytes)? };
     let ground = beyond::Ground { path: &options.field, field, cache_bytes, covered: &covered, scale };
-    both_conditions(&ground, rivals, own.into(), &skies, options.in_cache_only)
+    let mut report = both_conditions(&ground, rivals, own, &skies, options.in_cache_only)?;
+    further_sections(&mut report, field, stack.as_ref(), &covered, &skies)?;
+    Ok(report)
+}
+
+/// Relume under all its budgets; `own_at` makes one that shares its relighter with others.
+fn own_methods<'f>(
+    field: Field<'f>,
+    own_at: impl Fn(Budget) -> relume::Relume<'f>,
+    covered: &[u32],
+    skies: &[BenchSky],
+) -> anyhow::Result<Vec<Box<dyn Method + 'f>>> {
+    let all_ranks_ms = own_at(Budget::AllRanks).frame_ms(skies)?;
+    let errors = if field.bounds().is_some() { Budget::ERRORS.as_slice() } else { &[] };
+    if errors.is_empty() {
+        remark("error budgets are left out: the field has no bounds");
+    }
+    let all = Budget::RANKS.iter().chain(errors).copied().chain(Budget::times(all_ranks_ms));
+    let one = |budget: Budget| -> anyhow::Result<Box<dyn Method + 'f>> {
+        if !budget.learns() {
+            return Ok(Box::new(own_at(budget)));
+        }
+        let alone = Rc::new(RefCell::new(relume::Relighters::new(vec![field]).context("no field")?));
+        Ok(Box::new(relume::Relume::new(alone, covered.into(), budget)))
+    };
+    all.map(one).collect()
+}
+
+/// Bounds, arbitrary lights and skipping.
+fn further_sections(
+    report: &mut BenchReport,
+    field: Field<'_>,
+    stack: Option<&Stack>,
+    covered: &[u32],
+    skies: &[BenchSky],
+) -> anyhow::Result<()> {
+    let of = |name: &str| skies.iter().find(|sky| sky.name == name);
+    let (Some(clear), Some(overcast)) = (of(skies::CLEAR), of(skies::OVERCAST)) else {
+        remark("the simulated skies light nothing; lights and skipping are left out");
+        return Ok(());
+    };
+    if let Some(stack) = stack {
+        report.bounds = bounds::run(field, covered, skies)?;
+        report.lights = arbitrary::run(stack, field, covered, clear)?;
+    }
+    let without = |sky: &BenchSky| PatchWeights { sun: None, ..sky.weights.clone() };
+    report.skipping.push(skipping::run(field, covered, &without(clear), &without(overcast))?);
+    if clear.has_sun() {
+        report.skipping.push(skipping::run(field, covered, &clear.weights, &overcast.weights)?);
+    }
+    Ok(())
 }
 
 /// Errors, times in cache, then times beyond it.
@@ -183,13 +246,13 @@ fn measure_errors(methods: &mut [Box<dyn Method + '_>], skies: &[BenchSky]) -> a
         let name = method.name();
         let errors = method::errors(method.as_mut(), skies).with_context(|| name)?;
         let compared: Vec<&BenchSky> = skies.iter().filter(|sky| sky.exact.is_some()).collect();
-        if name == RELUME_NAME && method.budget() == Budget::ALL.last().map(Budget::to_string) {
+        if name == RELUME_NAME && method.budget() == Some(Budget::AllRanks.to_string()) {
             remark_errors(&compared, &errors);
         }
         let summary = summarise(&errors);
-        let worst = |sun: bool| {
+        let worst = |sun: bool, of: fn(&Errors) -> Option<f64>| {
             let own = compared.iter().zip(&errors).filter(|(sky, _)| sky.has_sun() == sun);
-            own.map(|(_, e)| e.rmse).reduce(f64::max)
+            own.filter_map(|(_, e)| of(e)).reduce(f64::max)
         };
         reports.push(MethodReport {
             name: name.to_owned(),
@@ -197,10 +260,12 @@ fn measure_errors(methods: &mut [Box<dyn Method + '_>], skies: &[BenchSky]) -> a
             cpu_ms_per_frame: 0.0,
             rmse_median: summary.map(|s| s.rmse_median),
             rmse_worst: summary.map(|s| s.rmse_worst),
-            rmse_worst_without_sun: worst(false),
-            rmse_worst_with_sun: worst(true),
+            rmse_worst_without_sun: worst(false, |e| Some(e.rmse)),
+            rmse_worst_with_sun: worst(true, |e| Some(e.rmse)),
             worst_code: summary.map(|s| s.worst_code),
             share_off_by_more_than_one: summary.map(|s| s.share_off_by_more_than_one),
+            code_error_worst_without_sun: worst(false, |e| Some(e.code_error)),
+            bound_codes_worst_without_sun: worst(false, |e| e.bound_codes),
             times_faster_than_dense_f32_openblas: None,
             errors_per_sky: compared.iter().zip(&errors).map(|(sky, e)| sky_errors(sky, e)).collect(),
         });
@@ -215,6 +280,8 @@ fn sky_errors(sky: &BenchSky, errors: &Errors) -> SkyErrors {
         rmse: errors.rmse,
         worst_code: errors.worst_code,
         share_off_by_more_than_one: errors.share_off_by_more_than_one,
+        code_error: errors.code_error,
+        bound_codes: errors.bound_codes,
     }
 }
 
@@ -248,8 +315,7 @@ fn assemble(
     }
     let covered_px = scale.covered_px;
     let sunny = skies.iter().filter(|sky| sky.has_sun()).count();
-    let whole = Budget::ALL.last().map(Budget::to_string);
-    let timing = in_cache.timing(RELUME_NAME, whole.as_deref(), 1);
+    let timing = in_cache.timing(RELUME_NAME, Some(&Budget::AllRanks.to_string()), 1);
     BenchReport {
         skies: skies.iter().map(|sky| sky.name.clone()).collect(),
         skies_with_sun: sunny,
@@ -266,5 +332,8 @@ fn assemble(
         methods,
         in_cache,
         beyond_cache: None,
+        bounds: None,
+        lights: None,
+        skipping: Vec::new(),
     }
 }

@@ -139,6 +139,20 @@ impl<'f> Relighter<'f> {
         self.sun.set_step_deg(step_deg);
     }
 
+    /// Bounds the error, as by default, or not: then nothing is known of it, and every tile is drawn with every frame. For
+    /// measuring what the bounds and the memory of what was drawn cost. An error budget without bounds restores nothing.
+    pub fn set_bounds(&mut self, on: bool) {
+        self.levels.set_bounds(on);
+        self.invalidate();
+    }
+
+    /// Bounds of what the last frame shows, tile by tile in row-major order: no linear value of the sky's light and no
+    /// 8-bit code, rounding included, is further from the uncompressed response's. `None` where there is nothing to bound.
+    pub fn tile_bounds(&self) -> impl Iterator<Item = Option<(f32, f32)>> {
+        let bounded = self.levels.bounds(&self.field).is_some();
+        self.states.iter().map(move |state| (bounded && state.is_drawn && !state.empty).then_some(state.shown_bound))
+    }
+
     /// Forgets what was relit: the next weights are projected from scratch and the next [`Relighter::draw`] draws every
     /// tile with geometry. Tiles that show the view alone are not concerned.
     pub fn invalidate(&mut self) {
@@ -270,7 +284,10 @@ impl<'f> Relighter<'f> {
             self.states.iter_mut().for_each(|state| state.is_drawn = false);
         }
         let mut drew = self.draw_tiles(view, framebuffer);
-        if let Budget::ErrorCodes(codes) = self.budget {
+        let bounded = self.levels.bounds(&self.field).is_some();
+        if let Budget::ErrorCodes(codes) = self.budget
+            && bounded
+        {
             while self.raise_levels(codes) {
                 let again = self.draw_tiles(view, framebuffer);
                 drew = Drew { drawn: drew.drawn + again.drawn, ..again };
@@ -286,7 +303,7 @@ impl<'f> Relighter<'f> {
             rank_limit: self.pace.rank_limit,
             ..self.counters
         };
-        if self.field.bounds().is_some() {
+        if bounded {
             (counters.bound_linear, counters.bound_codes) = (Some(drew.bound_linear), Some(drew.bound_codes));
         }
         if let Budget::Time(allowed) = self.budget

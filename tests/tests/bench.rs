@@ -50,7 +50,7 @@ fn a_study_holds_every_method_in_and_beyond_the_cache() {
     if !with_openblas {
         eprintln!("skipped: the rivals by OpenBLAS: it is not here");
     }
-    for (name, count) in OPENBLAS.into_iter().filter(|_| with_openblas).chain([("dense_int8", 1), ("relume", 5)]) {
+    for (name, count) in OPENBLAS.into_iter().filter(|_| with_openblas).chain([("dense_int8", 1), ("relume", 10)]) {
         assert_eq!(named(methods, name).len(), count, "{name}");
         assert_eq!(named(&report["in_cache"]["timings"], name).len(), 2 * count, "{name}");
         let beyond = if name == "relume" { 1 } else { count };
@@ -58,7 +58,13 @@ fn a_study_holds_every_method_in_and_beyond_the_cache() {
     }
     let rmse = |entry: &Value| entry["rmse_worst_without_sun"].as_f64().unwrap();
     assert!(rmse(named(methods, "dense_int8")[0]) < 0.01);
-    assert!(rmse(named(methods, "relume")[4]) < 0.01);
+    let relume = named(methods, "relume");
+    assert!(relume[3]["budget"] == "all ranks" && rmse(relume[3]) < 0.01, "{}", relume[3]);
+    for under_budget in &relume {
+        let of = |key: &str| under_budget[key].as_f64().unwrap();
+        assert!(of("code_error_worst_without_sun") <= of("bound_codes_worst_without_sun"), "{under_budget}");
+    }
+    further_sections_hold(&report);
     if with_openblas {
         let dense = named(methods, "dense_f32_openblas")[0];
         assert!(rmse(dense) < 1e-5 && dense["rmse_worst"].as_f64().unwrap() < 1e-5, "{dense}");
@@ -78,10 +84,35 @@ fn a_study_holds_every_method_in_and_beyond_the_cache() {
     assert!(held("beyond_cache", "field_bytes") >= 4 << 20 && held("beyond_cache", "rivals_bytes") >= 4 << 20);
 }
 
+/// What must be so whatever the machine: bounds hold, and nothing is drawn that did not change.
+fn further_sections_hold(report: &Value) {
+    let bounds = &report["bounds"];
+    assert_eq!(bounds["share_of_tiles_below_error"], 0.0);
+    assert!(bounds["looseness_worst"].as_f64().unwrap() >= 1.0, "{bounds}");
+    let lights = &report["lights"];
+    let seen = lights["single_patches"]["patches"].as_u64().unwrap() + lights["patches_unseen"].as_u64().unwrap();
+    assert_eq!(seen, 68);
+    for light in [&lights["torch"], &lights["sun_left_in_sky"], &lights["single_patches"]["worst_error"]] {
+        assert!(light["error_codes"].as_f64().unwrap() <= light["bound_codes"].as_f64().unwrap(), "{light}");
+    }
+    let skipping = report["skipping"].as_array().unwrap();
+    assert_eq!(skipping.len(), 2);
+    for sky in skipping {
+        assert_eq!(sky["still_sky"]["counters"]["tiles_kept"].as_f64(), sky["tiles"].as_f64(), "{sky}");
+        let ramp = &sky["clear_to_overcast"];
+        assert_eq!(ramp["frames"], 300);
+        // Tiles change a little between frames, so that an oracle need not draw all of them each time.
+        let of = |key: &str| ramp[key].as_u64().unwrap();
+        assert!(of("tiles_drawn_by_oracle") > 0 && of("tiles_drawn_by_oracle") < 300 * sky["tiles"].as_u64().unwrap());
+        assert!(of("tiles_drawn") > 0, "{ramp}");
+    }
+}
+
 #[test]
 fn without_a_stack_errors_are_null_and_times_are_there() {
     let report = measured(&["--in-cache-only"]);
-    assert!(report["beyond_cache"].is_null());
+    assert!(report["beyond_cache"].is_null() && report["bounds"].is_null() && report["lights"].is_null());
+    assert!(!report["skipping"].as_array().unwrap().is_empty());
     for method in report["methods"].as_array().unwrap() {
         assert!(method["rmse_median"].is_null() && method["worst_code"].is_null(), "{method}");
         assert!(method["cpu_ms_per_frame"].as_f64().unwrap() > 0.0, "{method}");

@@ -18,15 +18,30 @@ pub enum Budget {
 }
 
 impl Budget {
-    /// The budgets of a run, cheapest first; the last one is the field at its best.
-    pub const ALL: [Budget; 5] =
-        [Budget::Ranks(2), Budget::Ranks(4), Budget::Ranks(8), Budget::Ranks(16), Budget::AllRanks];
+    /// The ranks of a run, cheapest first.
+    pub const RANKS: [Budget; 4] = [Budget::Ranks(2), Budget::Ranks(4), Budget::Ranks(8), Budget::AllRanks];
+    /// The errors of a run.
+    pub const ERRORS: [Budget; 3] = [Budget::Codes(4.0), Budget::Codes(2.0), Budget::Codes(1.5)];
 
-    /// Makes `relighter` keep to it from the next weights on.
+    /// The times of a run: half of what all ranks take, as much, and twice as much.
+    pub fn times(all_ranks_ms: f64) -> [Budget; 3] {
+        [0.5, 1.0, 2.0].map(|share| Budget::Milliseconds(share * all_ranks_ms))
+    }
+
+    /// Does a relighter under it learn from one frame to the next, so that it needs one of its own?
+    pub fn learns(self) -> bool {
+        matches!(self, Budget::Codes(_) | Budget::Milliseconds(_))
+    }
+
+    /// Makes `relighter` keep to it from the next weights on. An error budget starts from scratch: what earlier weights
+    /// needed of the way back is forgotten.
     ///
     /// # Errors
     /// [`BudgetError`], if no frame of its field can.
     pub fn set(self, relighter: &mut Relighter<'_>) -> Result<(), BudgetError> {
+        if matches!(self, Budget::Codes(_)) {
+            relighter.set_budget(relight::Budget::Field)?;
+        }
         relighter.set_budget(match self {
             Budget::Ranks(_) | Budget::AllRanks => relight::Budget::Field,
             Budget::Codes(codes) => relight::Budget::ErrorCodes(codes),
@@ -55,7 +70,20 @@ impl std::fmt::Display for Budget {
             Budget::Ranks(ranks) => write!(f, "{ranks} ranks"),
             Budget::AllRanks => f.write_str("all ranks"),
             Budget::Codes(codes) => write!(f, "error {codes} codes"),
-            Budget::Milliseconds(ms) => write!(f, "time {ms} ms"),
+            Budget::Milliseconds(ms) => write!(f, "time {ms:.3} ms"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_shares_of_all_ranks() {
+        let names = Budget::times(3.0).map(|budget| budget.to_string());
+        assert_eq!(names, ["time 1.500 ms", "time 3.000 ms", "time 6.000 ms"]);
+        assert!(Budget::times(3.0).iter().chain(&Budget::ERRORS).all(|budget| budget.learns()));
+        assert!(!Budget::RANKS.iter().any(|budget| budget.learns()));
     }
 }

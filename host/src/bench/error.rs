@@ -17,6 +17,10 @@ pub struct Errors {
     pub worst_code: u8,
     /// Share of 8-bit values that differ by more than one.
     pub share_off_by_more_than_one: f64,
+    /// Largest distance of an 8-bit value shown from the exact picture's code before rounding: what a bound in codes bounds.
+    pub code_error: f64,
+    /// The bound in codes that the method gave for this picture; `None`: it gave none.
+    pub bound_codes: Option<f64>,
 }
 
 /// Errors over several skies: the median and the worst RMSE, the worst of the rest.
@@ -36,9 +40,14 @@ pub struct Summary {
 
 /// The 8-bit value of a linear channel value under the plain sRGB curve (IEC 61966-2-1): clamp, round, no dither.
 pub fn srgb_code(linear: f64) -> u8 {
+    unrounded_code(linear).round() as u8
+}
+
+/// The same before rounding.
+pub fn unrounded_code(linear: f64) -> f64 {
     let v = linear.clamp(0.0, 1.0);
     let encoded = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
-    (255.0 * encoded).round() as u8
+    255.0 * encoded
 }
 
 /// Exposure of a sky: 0.8 / 99th percentile of the exact covered channel values (linear between order statistics).
@@ -63,14 +72,16 @@ pub fn exposure_for(exact: &[[f64; 3]]) -> Option<f64> {
 pub fn compare(radiance: &[[f32; 3]], codes: &[[u8; 3]], exact: &[[f64; 3]], exposure: f64) -> Errors {
     let values = (3 * exact.len()).max(1) as f64;
     let (mut square, mut sum, mut exact_sum) = (0.0, [0.0; 3], [0.0; 3]);
-    let (mut worst, mut off) = (0u8, 0usize);
+    let (mut worst, mut off, mut code_error) = (0u8, 0usize, 0.0f64);
     for ((shown, code), truth) in radiance.iter().zip(codes).zip(exact) {
         for c in 0..3 {
             let value = f64::from(shown[c]);
             square += (value - truth[c]).powi(2);
             sum[c] += value;
             exact_sum[c] += truth[c];
-            let difference = code[c].abs_diff(srgb_code(truth[c] * exposure));
+            let exact_code = unrounded_code(truth[c] * exposure);
+            code_error = code_error.max((f64::from(code[c]) - exact_code).abs());
+            let difference = code[c].abs_diff(exact_code.round() as u8);
             worst = worst.max(difference);
             off += usize::from(difference > 1);
         }
@@ -81,6 +92,8 @@ pub fn compare(radiance: &[[f32; 3]], codes: &[[u8; 3]], exact: &[[f64; 3]], exp
         bias: std::array::from_fn(|c| if exact_sum[c] > 0.0 { (sum[c] - exact_sum[c]) / exact_sum[c] } else { 0.0 }),
         worst_code: worst,
         share_off_by_more_than_one: off as f64 / values,
+        code_error,
+        bound_codes: None,
     }
 }
 
@@ -109,7 +122,10 @@ mod tests {
         let exact = [[1.0, 2.0, 4.0], [0.5, 0.25, 0.125]];
         let same = exact.map(|p| p.map(|v| v as f32));
         let errors = compare(&same, &codes(&exact, 0.2), &exact, 0.2);
-        assert_eq!(errors, Errors { rmse: 0.0, bias: [0.0; 3], worst_code: 0, share_off_by_more_than_one: 0.0 });
+        assert_eq!((errors.rmse, errors.bias, errors.worst_code), (0.0, [0.0; 3], 0));
+        assert_eq!(errors.share_off_by_more_than_one, 0.0);
+        // Rounding is left.
+        assert!(errors.code_error > 0.01 && errors.code_error <= 0.5, "{errors:?}");
     }
 
     #[test]
@@ -128,6 +144,8 @@ mod tests {
         let shown = [[code, code + 1, code - 2], [code + 9, code, code]];
         let errors = compare(&[[0.5; 3]; 2], &shown, &exact, 1.0);
         assert_eq!(errors.worst_code, 9);
+        // Half is code 187.516.
+        assert!((errors.code_error - (9.0 + 188.0 - 187.516)).abs() < 1e-3, "{errors:?}");
         assert!((errors.share_off_by_more_than_one - 2.0 / 6.0).abs() < 1e-12);
     }
 
@@ -155,6 +173,8 @@ mod tests {
             bias: [0.0, -rmse, 0.0],
             worst_code: code,
             share_off_by_more_than_one: rmse / 10.0,
+            code_error: 0.0,
+            bound_codes: None,
         };
         let summary = summarise(&[one(0.1, 3), one(0.5, 1), one(0.2, 9)]).unwrap();
         assert_eq!((summary.rmse_median, summary.rmse_worst, summary.worst_code), (0.2, 0.5, 9));

@@ -36,6 +36,8 @@ pub struct Shown {
     pub radiance: Vec<[f32; 3]>,
     /// 8-bit sRGB codes at the sky's exposure, over black.
     pub codes: Vec<[u8; 3]>,
+    /// No code is further from the exact picture's than this, as far as the sky's light goes; `None`: nothing is promised.
+    pub bound_codes: Option<f32>,
 }
 
 /// A way to relight.
@@ -98,7 +100,8 @@ pub fn errors(method: &mut dyn Method, skies: &[BenchSky]) -> anyhow::Result<Vec
                 .filter(|sample| sample.indices.len() < exact.len())
                 .map(|sample| sample.indices.iter().map(|&index| exact[index as usize]).collect());
             let exact = sampled.as_deref().unwrap_or(exact);
-            all.push(compare(&shown.radiance, &shown.codes, exact, f64::from(sky.exposure)));
+            let errors = compare(&shown.radiance, &shown.codes, exact, f64::from(sky.exposure));
+            all.push(Errors { bound_codes: shown.bound_codes.map(f64::from), ..errors });
         }
     }
     Ok(all)
@@ -211,6 +214,7 @@ pub(crate) mod tests {
             Ok(Shown {
                 radiance: sum.iter().map(|p| p.map(|v| v as f32)).collect(),
                 codes: sum.iter().map(|p| p.map(|v| srgb_code(v * f64::from(sky.exposure)))).collect(),
+                bound_codes: None,
             })
         }
     }

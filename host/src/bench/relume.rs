@@ -6,13 +6,14 @@ use std::rc::Rc;
 use relume_firmware::field::Field;
 
 use super::budget::Budget;
-use super::clock::cpu_s;
+use super::clock::{cpu_s, median};
 use super::facts;
 use super::method::{BenchSky, Method, Shown};
 use super::report::RELUME_NAME;
-use crate::relight::{Framebuffer, Relighter, View};
+use crate::relight::{FrameCounters, Framebuffer, Relighter, View};
 
-/// The relighters of a field, or of copies of it, that take turns. All budgets share them.
+/// The relighters of a field, or of copies of it, that take turns. Budgets may share them, except those that
+/// learn from frame to frame.
 pub struct Relighters<'f> {
     fields: Vec<Field<'f>>,
     relighters: Vec<Relighter<'f>>,
@@ -20,6 +21,7 @@ pub struct Relighters<'f> {
     next: usize,
     view: View,
     framebuffer: Framebuffer,
+    counters: FrameCounters,
 }
 
 impl<'f> Relighters<'f> {
@@ -29,7 +31,8 @@ impl<'f> Relighters<'f> {
         let (width, height) = (first.width(), first.height());
         let relighters = fields.iter().map(|field| Relighter::new(*field, 1)).collect();
         let view = View::new(width, height, Vec::new());
-        Some(Relighters { fields, relighters, threads: 1, next: 0, view, framebuffer: Framebuffer::new(width, height) })
+        let (framebuffer, counters) = (Framebuffer::new(width, height), FrameCounters::default());
+        Some(Relighters { fields, relighters, threads: 1, next: 0, view, framebuffer, counters })
     }
 
     fn set_threads(&mut self, threads: usize) {
@@ -46,14 +49,21 @@ impl<'f> Relighters<'f> {
     fn project(&mut self, sky: &BenchSky, budget: Budget) -> anyhow::Result<()> {
         let relighter = &mut self.relighters[self.next];
         budget.set(relighter)?;
+        relighter.invalidate();
         relighter.set_weights(&sky.weights, sky.exposure)?;
         Ok(())
     }
 
+    /// Draws every tile.
     fn draw(&mut self) {
         let relighter = &mut self.relighters[self.next];
-        relighter.invalidate();
-        relighter.draw(&self.view, &mut self.framebuffer);
+        relighter.redraw();
+        self.counters = relighter.draw(&self.view, &mut self.framebuffer);
+    }
+
+    fn radiance(&mut self, covered: &[u32]) -> Vec<[f32; 3]> {
+        let picture = self.relighters[self.next].radiance();
+        covered.iter().map(|&at| picture.rgb[at as usize]).collect()
     }
 }
 
@@ -77,11 +87,27 @@ impl<'f> Relume<'f> {
     pub fn radiance(&mut self, sky: &BenchSky) -> anyhow::Result<Vec<[f32; 3]>> {
         let mut shared = self.shared.borrow_mut();
         shared.project(sky, self.budget)?;
-        let at = shared.next;
-        let picture = shared.relighters[at].radiance();
-        Ok(self.covered.iter().map(|&at| picture.rgb[at as usize]).collect())
+        Ok(shared.radiance(&self.covered))
+    }
+
+    /// Median CPU milliseconds of a full frame, of three rounds over the skies.
+    ///
+    /// # Errors
+    /// If the weights are refused.
+    pub fn frame_ms(&mut self, skies: &[BenchSky]) -> anyhow::Result<f64> {
+        self.warm_up(skies)?;
+        let mut took = Vec::with_capacity(3 * skies.len());
+        for sky in skies.iter().cycle().take(3 * skies.len()) {
+            let start = cpu_s();
+            self.frame(sky)?;
+            took.push(1e3 * (cpu_s() - start));
+        }
+        Ok(median(&took))
     }
 }
+
+/// Frames after which a time budget has settled.
+const SETTLED: usize = 12;
 
 /// CPU seconds that tracing the sun takes on one thread after it has moved; not part of a frame with the sun at rest.
 ///
@@ -141,13 +167,14 @@ impl Method for Relume<'_> {
     }
 
     fn show(&mut self, sky: &BenchSky) -> anyhow::Result<Shown> {
-        self.frame(sky)?;
-        let radiance = self.radiance(sky)?;
-        let shared = self.shared.borrow();
+        let frames = if matches!(self.budget, Budget::Milliseconds(_)) { SETTLED } else { 1 };
+        (0..frames).try_for_each(|_| self.frame(sky))?;
+        let mut shared = self.shared.borrow_mut();
+        let radiance = shared.radiance(&self.covered);
         let codes = self.covered.iter().map(|&at| {
             let [_, r, g, b] = shared.framebuffer.pixels[at as usize].to_be_bytes();
             [r, g, b]
         });
-        Ok(Shown { radiance, codes: codes.collect() })
+        Ok(Shown { radiance, codes: codes.collect(), bound_codes: shared.counters.bound_codes })
     }
 }

@@ -2,6 +2,10 @@
 
 use serde::Serialize;
 
+use super::arbitrary::LightsReport;
+use super::bounds::BoundsReport;
+use super::skipping::SkippingReport;
+
 /// The whole finding. Shares and errors are fractions, not per cent; every other number names its unit.
 #[derive(Clone, Debug, Serialize)]
 pub struct BenchReport {
@@ -35,6 +39,12 @@ pub struct BenchReport {
     pub in_cache: Section,
     /// Copies of the field in turn, more bytes than the caches hold; `None`: left out.
     pub beyond_cache: Option<Section>,
+    /// The bounds against the true errors; `None` without a stack or without bounds.
+    pub bounds: Option<BoundsReport>,
+    /// Arbitrary lights under an error budget; `None` without a stack or without bounds.
+    pub lights: Option<LightsReport>,
+    /// What skipping saves: without a sun, and with it where a sky has one.
+    pub skipping: Vec<SkippingReport>,
 }
 
 /// One method at one budget. Error values are `None` without a stack.
@@ -59,6 +69,10 @@ pub struct MethodReport {
     pub worst_code: Option<u8>,
     /// Share of 8-bit values off by more than one, worst sky.
     pub share_off_by_more_than_one: Option<f64>,
+    /// Largest distance of an 8-bit value from the exact code before rounding, worst sky without a sun.
+    pub code_error_worst_without_sun: Option<f64>,
+    /// The largest bound in codes that the frames of the skies without a sun came with. (It covers the sky's light alone.)
+    pub bound_codes_worst_without_sun: Option<f64>,
     /// The dense sum's CPU time / this one's; `None` where OpenBLAS is missing.
     pub times_faster_than_dense_f32_openblas: Option<f64>,
     /// The errors sky by sky; empty without a stack.
@@ -78,6 +92,10 @@ pub struct SkyErrors {
     pub worst_code: u8,
     /// Share of 8-bit values off by more than one.
     pub share_off_by_more_than_one: f64,
+    /// Largest distance of an 8-bit value from the exact code before rounding.
+    pub code_error: f64,
+    /// The bound in codes that the frame came with, on the sky's light; `None`: the method gives none.
+    pub bound_codes: Option<f64>,
 }
 
 /// Times under one condition.
@@ -155,8 +173,26 @@ impl Section {
     }
 }
 
+impl BenchReport {
+    /// A line if any bound is below the true error: then it is none.
+    pub fn broken_bound(&self) -> Option<String> {
+        let skies = self.bounds.iter().flat_map(|bounds| &bounds.per_sky);
+        let skies = skies.map(|sky| (format!("sky {}", sky.sky), sky.share_of_tiles_below_error));
+        let lights = self.lights.iter().map(|l| ("an arbitrary light".to_owned(), l.share_of_tiles_below_error()));
+        let (what, share) = skies.chain(lights).find(|(_, share)| *share > 0.0)?;
+        Some(format!(
+            "{what}: the bound of {:.2} % of the tiles is below their true error; it must never be",
+            100.0 * share
+        ))
+    }
+}
+
 fn percent(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{:.3} %", 100.0 * v))
+}
+
+fn codes(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"))
 }
 
 fn times(value: Option<f64>) -> String {
@@ -175,25 +211,30 @@ impl std::fmt::Display for BenchReport {
         )?;
         writeln!(
             f,
-            "{:<26} {:<14} {:>9} {:>10} {:>10} {:>6} {:>10} {:>8}",
-            "method", "budget", "ms/frame", "RMSE med", "worst", "code", "off > 1", "faster"
+            "{:<26} {:<16} {:>9} {:>10} {:>10} {:>6} {:>6} {:>6} {:>10} {:>8}",
+            "method", "budget", "ms/frame", "RMSE med", "worst", "code", "sky's", "bound", "off > 1", "faster"
         )?;
         for m in &self.methods {
             writeln!(
                 f,
-                "{:<26} {:<14} {:>9.3} {:>10} {:>10} {:>6} {:>10} {:>8}",
+                "{:<26} {:<16} {:>9.3} {:>10} {:>10} {:>6} {:>6} {:>6} {:>10} {:>8}",
                 m.name,
                 m.budget.as_deref().unwrap_or("-"),
                 m.cpu_ms_per_frame,
                 percent(m.rmse_median),
                 percent(m.rmse_worst),
                 m.worst_code.map_or_else(|| "-".to_owned(), |code| code.to_string()),
+                codes(m.code_error_worst_without_sun),
+                codes(m.bound_codes_worst_without_sun),
                 percent(m.share_off_by_more_than_one),
                 times(m.times_faster_than_dense_f32_openblas),
             )?;
         }
         write_section(f, "in cache", &self.in_cache)?;
-        self.beyond_cache.as_ref().map_or(Ok(()), |section| write_section(f, "beyond the caches", section))
+        self.beyond_cache.as_ref().map_or(Ok(()), |section| write_section(f, "beyond the caches", section))?;
+        self.bounds.as_ref().map_or(Ok(()), |bounds| write!(f, "{bounds}"))?;
+        self.lights.as_ref().map_or(Ok(()), |lights| write!(f, "{lights}"))?;
+        self.skipping.iter().try_for_each(|skipping| write!(f, "{skipping}"))
     }
 }
 
@@ -208,13 +249,13 @@ fn write_section(f: &mut std::fmt::Formatter<'_>, title: &str, section: &Section
     )?;
     writeln!(
         f,
-        "{:<26} {:<14} {:>3} {:>8} {:>8} {:>8} {:>8} {:>7} {:>8} {:>8}",
+        "{:<26} {:<16} {:>3} {:>8} {:>8} {:>8} {:>8} {:>7} {:>8} {:>8}",
         "method", "budget", "thr", "CPU ms", "wall ms", "reused", "bytes/px", "memory", "faster", "reused"
     )?;
     for t in &section.timings {
         writeln!(
             f,
-            "{:<26} {:<14} {:>3} {:>8.3} {:>8.3} {:>8} {:>8.1} {:>5.0} % {:>8} {:>8}",
+            "{:<26} {:<16} {:>3} {:>8.3} {:>8.3} {:>8} {:>8.1} {:>5.0} % {:>8} {:>8}",
             t.name,
             t.budget.as_deref().unwrap_or("-"),
             t.threads,

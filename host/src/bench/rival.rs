@@ -165,7 +165,7 @@ impl<S: Summation> Method for Rival<S> {
             self.sum.sum(block, [&mut red[..n], &mut green[..n], &mut blue[..n]]);
             radiance.extend((0..n).map(|k| [red[k], green[k], blue[k]]));
         }
-        Ok(Shown { radiance, codes })
+        Ok(Shown { radiance, codes, bound_codes: None })
     }
 
     fn go_beyond_caches(&mut self, arena: &Arc<Arena>) -> anyhow::Result<()> {

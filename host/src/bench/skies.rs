@@ -25,6 +25,11 @@ const LOW_SUN_DEG: f64 = 10.0;
 /// Altitude of the sun at dusk, degrees.
 const DUSK_SUN_DEG: f64 = -3.0;
 
+/// Name of the simulated clear sky.
+pub const CLEAR: &str = "simulated clear";
+/// Name of the simulated overcast sky.
+pub const OVERCAST: &str = "simulated overcast";
+
 /// A radiance map to light the field with.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SkyMap {

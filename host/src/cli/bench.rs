@@ -12,7 +12,9 @@ relume bench FIELD [--stack STACK_DIR] [--sky MAP[@DEG]]... [--in-cache-only] [-
 
 Time per frame for several budgets against error, on one thread and two, beside rivals that make the same picture from the
 same weights: the dense sum in f32 (OpenBLAS) and in int8, global principal components, and few lights chosen live from
-the sky. Without OpenBLAS (apt: libopenblas0-pthread) only the int8 sum is left. Then the same beyond the caches.
+the sky. Without OpenBLAS (apt: libopenblas0-pthread) only the int8 sum is left. Then the same beyond the caches; the
+certified bounds against the true errors; arbitrary lights under an error budget of 4 codes; and what skipping saves. A
+bound below the true error is a failure (exit code 1).
 
   --stack STACK_DIR   the uncompressed stack: measures errors too, over all skies (without it those keys are null)
   --sky MAP[@DEG]     a lat-long radiance map, turned about +Y by DEG; may be given more than once.
@@ -30,11 +32,30 @@ the sky. Without OpenBLAS (apt: libopenblas0-pthread) only the int8 sum is left.
     sun_trace_cpu_ms                 once whenever the sun has moved; in no frame's time
     methods[]                        name, budget, cpu_ms_per_frame (one thread, in cache), rmse_{median,worst},
                                      rmse_worst_{with,without}_sun, worst_code, share_off_by_more_than_one,
-                                     times_faster_than_dense_f32_openblas, errors_per_sky[]
+                                     code_error_worst_without_sun (shown against the exact code before rounding),
+                                     bound_codes_worst_without_sun (certified, of the sky's light),
+                                     times_faster_than_dense_f32_openblas, errors_per_sky[]. An error budget starts
+                                     every frame from scratch; the rows it takes are not among the bytes read
     in_cache, beyond_cache           field_copies, field_bytes, rivals_bytes, last_level_cache_bytes, sun_included, and
                                      timings[]: name, budget, threads, cpu_ms_per_frame (also _with_sun, _without_sun,
                                      _coefficients_reused), wall_ms_per_frame, bytes_read_per_covered_pixel,
                                      share_of_read_bandwidth, times_faster_... (also ..._coefficients_reused)
+    bounds (with --stack)            of full frames under the skies without a sun, whose light they cover: looseness_worst
+                                     (largest bound / largest error of a frame's tiles, linear), looseness_dark_worst
+                                     (tiles under 16 codes), share_of_tiles_below_error (0, or the bench fails),
+                                     {with,without}_bounds_cpu_ms, share_of_frame_time (at most: what skipping must
+                                     remember is in it), per_sky[]: tiles, tiles_dark, {bound,error}_{linear,codes}, ...
+    lights (with --stack)            budget_codes, full_frame_cpu_ms (ordinary), patches_unseen, single_patches: patches,
+                                     patches_beyond_budget, worst_error, worst_bound, times_full_frame_{median,worst};
+                                     torch, sun_left_in_sky. Each light: patches, error_codes, bound_codes, cpu_ms,
+                                     times_full_frame, tiles_way_back, share_of_tiles_below_error
+    skipping[]                       a clear sky without a sun, and with it: has_sun, tiles, full_frame_cpu_ms;
+                                     nearest_patches[] (the 13 nearest to each of 12 directions, x factor):
+                                     times_less_than_full_frame_{median,worst}, cpu_ms, tiles_drawn_by_oracle;
+                                     clear_to_overcast (10 s, 30 frames a second): frames, tiles_drawn,
+                                     tiles_drawn_by_oracle, times_oracle, cpu_ms; still_sky: cpu_ms,
+                                     share_of_full_frame; and in each counters: tiles_{drawn,kept},
+                                     blocks_{projected,stepped}, patches_changed (means of the frames)
   rmse, shares and times faster are plain fractions; times are medians over frames
 ",
     act,
@@ -69,5 +90,6 @@ fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
         (Some(path), None) => eprintln!("bench: {}: not drawn; errors need --stack", path.display()),
         (None, _) => {}
     }
-    if json { super::say_json(&report) } else { super::say(&report.to_string()) }
+    if json { super::say_json(&report) } else { super::say(&report.to_string()) }?;
+    report.broken_bound().map_or(Ok(()), |line| Err(Failure::runtime(line)))
 }

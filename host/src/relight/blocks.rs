@@ -94,7 +94,7 @@ impl Block {
         let rank = tile.v_rank();
         let sums: [&[i32]; 3] = core::array::from_fn(|c| &self.sums[c * rank..(c + 1) * rank]);
         self.coefficients.set_sums(&tile, sums, level.weights.exponent());
-        if let Some(bounds) = field.bounds() {
+        if let Some(bounds) = levels.bounds(field) {
             self.bound = bounds.block(index, &level.bound);
         }
         self.current = true;

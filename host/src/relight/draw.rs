@@ -77,7 +77,9 @@ impl Drawing<'_> {
                 let limited = self.limited(block);
                 let coefficients = limited.as_ref().unwrap_or(&block.coefficients);
                 let extent = self.compositor.tile(self.field, index, (coefficients, &light), &mut linear, target);
-                state.note(index, self, block, extent);
+                if state.empty || self.levels.bounds_on() {
+                    state.note(index, self, block, extent);
+                }
                 drew.drawn += usize::from(!state.empty);
                 drew.way_back += usize::from(block.level > 0 && !state.empty);
             }

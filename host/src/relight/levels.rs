@@ -1,7 +1,7 @@
 //! The way back in levels: how many patches are shown by their own rows instead of through the factors.
 
 use crate::weights::PatchWeights;
-use relume_firmware::bound::BoundLight;
+use relume_firmware::bound::{BoundLight, Bounds};
 use relume_firmware::field::Field;
 use relume_firmware::relight::UnpackedRows;
 use relume_firmware::weights::{FixedWeights, MAX_STANDOUTS, WeightError, WeightStep, standouts};
@@ -27,6 +27,7 @@ pub(super) struct Levels {
     /// Does `step` lead from the moment before to this one, on level 0?
     stepped: bool,
     has_way_back: bool,
+    bounds_on: bool,
     order: Vec<u16>,
     apart: Vec<u16>,
     unpacked: Vec<Unpacked>,
@@ -48,6 +49,7 @@ impl Levels {
             step: WeightStep::NONE,
             stepped: false,
             has_way_back: field.way_back().bytes() > 0,
+            bounds_on: true,
             order: (0..patches as u16).collect(),
             apart: Vec::with_capacity(patches),
             unpacked: (0..MAX_STANDOUTS).map(|_| Unpacked { patch: None, codes: Vec::new() }).collect(),
@@ -83,6 +85,20 @@ impl Levels {
             count += 1;
         }
         (rows, count)
+    }
+
+    pub(super) fn set_bounds(&mut self, on: bool) {
+        self.bounds_on = on;
+    }
+
+    /// The field's bounds, unless they are switched off.
+    pub(super) fn bounds<'f>(&self, field: &Field<'f>) -> Option<Bounds<'f>> {
+        field.bounds().filter(|_| self.bounds_on)
+    }
+
+    /// Are they not switched off?
+    pub(super) fn bounds_on(&self) -> bool {
+        self.bounds_on
     }
 
     /// Highest level of the field.
@@ -132,7 +148,7 @@ impl Levels {
 
     fn finish(&mut self, field: &Field<'_>, level: usize) {
         let level = &mut self.levels[level];
-        if let Some(bounds) = field.bounds() {
+        if let Some(bounds) = field.bounds().filter(|_| self.bounds_on) {
             bounds.light(&level.weights, &mut level.bound);
         }
         level.ready = true;

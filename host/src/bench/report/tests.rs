@@ -11,6 +11,8 @@ pub(in crate::bench) fn report() -> BenchReport {
         rmse_worst_with_sun: Some(2.0 * rmse),
         worst_code: Some(7),
         share_off_by_more_than_one: None,
+        code_error_worst_without_sun: Some(1.25),
+        bound_codes_worst_without_sun: Some(2.75),
         times_faster_than_dense_f32_openblas: None,
         errors_per_sky: vec![SkyErrors {
             sky: "a".into(),
@@ -18,6 +20,8 @@ pub(in crate::bench) fn report() -> BenchReport {
             rmse,
             worst_code: 7,
             share_off_by_more_than_one: 0.5,
+            code_error: 1.25,
+            bound_codes: Some(2.75),
         }],
     };
     let timing = |name: &str, threads, ms, reused| Timing {
@@ -63,7 +67,43 @@ pub(in crate::bench) fn report() -> BenchReport {
         methods: vec![method(DENSE_NAME, 42.0, 1e-7), method(RELUME_NAME, 0.5, 0.0025)],
         in_cache,
         beyond_cache: None,
+        bounds: Some(bounds()),
+        lights: None,
+        skipping: Vec::new(),
     }
+}
+
+fn bounds() -> BoundsReport {
+    let sky = super::super::bounds::SkyBounds {
+        sky: "a".into(),
+        tiles: 9,
+        tiles_dark: 1,
+        bound_linear: 0.02,
+        error_linear: 0.01,
+        looseness: Some(2.0),
+        looseness_dark: None,
+        bound_codes: 2.75,
+        error_codes: 1.25,
+        share_of_tiles_below_error: 0.0,
+    };
+    BoundsReport {
+        looseness_worst: Some(2.0),
+        looseness_dark_worst: None,
+        share_of_tiles_below_error: 0.0,
+        with_bounds_cpu_ms: 1.0,
+        without_bounds_cpu_ms: 0.9,
+        share_of_frame_time: 0.1,
+        per_sky: vec![sky],
+    }
+}
+
+#[test]
+fn a_bound_below_the_error_is_told() {
+    let mut report = report();
+    assert_eq!(report.broken_bound(), None);
+    report.bounds.as_mut().unwrap().per_sky[0].share_of_tiles_below_error = 0.125;
+    let line = report.broken_bound().unwrap();
+    assert!(line.contains("sky a") && line.contains("12.50 %"), "{line}");
 }
 
 fn keys(value: &serde_json::Value) -> Vec<&str> {
@@ -97,8 +137,14 @@ fn json_keeps_the_first_keys() {
 #[test]
 fn every_number_names_its_unit() {
     fn walk(key: &str, value: &serde_json::Value) {
-        const UNITS: [&str; 6] = ["_ms", "_px", "bytes", "_bytes_per_cpu_s", "per_covered_pixel", "_ms_per_frame"];
-        const PLAIN: [&str; 10] = [
+        const UNITS: [&str; 8] =
+            ["_codes", "_linear", "_ms", "_px", "bytes", "_bytes_per_cpu_s", "per_covered_pixel", "_ms_per_frame"];
+        const PLAIN: [&str; 15] = [
+            "tiles",
+            "looseness",
+            "code_error",
+            "bound_codes_",
+            "cpu_ms",
             "rmse_",
             "rmse",
             "share_",
