@@ -265,8 +265,9 @@ enum relume_error relume_patches(const struct relume *object, struct relume_patc
 // As `relume_info`; `coverage` is null or `length` bytes may be written.
 enum relume_error relume_coverage(const struct relume *object, uint8_t *coverage, size_t length, size_t stride);
 
-// Takes the light of a moment for the frames that follow. Costs little, unless the sun's direction differs from that
-// of the call before: the sun must then be traced anew (`relume_trace_sun`).
+// Takes the light of a moment for the frames that follow. Costs little, unless the sun is up in another direction than
+// the last one that was up: this call then looks at the sun from every bounce point of the field (at most 65,536
+// rays), and the bands must be traced anew (`relume_trace_sun`).
 //
 // # Safety
 // `object` is null or came from `relume_open`, its memory is still there, and nobody else uses it meanwhile; `light` is

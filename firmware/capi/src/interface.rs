@@ -278,8 +278,9 @@ pub unsafe extern "C" fn relume_coverage(
     })
 }
 
-/// Takes the light of a moment for the frames that follow. Costs little, unless the sun's direction differs from that
-/// of the call before: the sun must then be traced anew (`relume_trace_sun`).
+/// Takes the light of a moment for the frames that follow. Costs little, unless the sun is up in another direction than
+/// the last one that was up: this call then looks at the sun from every bounce point of the field (at most 65,536
+/// rays), and the bands must be traced anew (`relume_trace_sun`).
 ///
 /// # Safety
 /// `object` is null or came from `relume_open`, its memory is still there, and nobody else uses it meanwhile; `light` is

@@ -1,4 +1,5 @@
-//! An object in the caller's memory: the shared part, its large parts, a state per tile, a state per block, the sun's response plane.
+//! An object in the caller's memory: the shared part, its large parts (the weights, the sun's light on the bounce points),
+//! a state per tile, a state per block, the sun's response plane.
 
 use crate::block_state::{BandBlocks, BlockState};
 use crate::object::Relighting;
@@ -6,7 +7,6 @@ use crate::tile_state::TileState;
 use crate::types::{RELUME_MEMORY_ALIGN, RelumeError};
 use core::ops::Range;
 use relume_firmware::field::Field;
-use relume_firmware::sunlight::SunLight;
 use relume_firmware::tile::BLOCK_TILES;
 use relume_firmware::weights::{FixedWeights, SunWeight};
 
@@ -21,8 +21,7 @@ pub struct Relume {
 }
 
 const _: () = assert!(align_of::<Relume>() <= RELUME_MEMORY_ALIGN);
-const _: () =
-    assert!(align_of::<FixedWeights>() <= RELUME_MEMORY_ALIGN && align_of::<SunLight>() <= RELUME_MEMORY_ALIGN);
+const _: () = assert!(align_of::<FixedWeights>() <= RELUME_MEMORY_ALIGN);
 const _: () =
     assert!(align_of::<TileState>() <= RELUME_MEMORY_ALIGN && align_of::<BlockState>() <= RELUME_MEMORY_ALIGN);
 
@@ -30,7 +29,7 @@ const _: () =
 #[derive(Clone, Copy)]
 pub struct Layout {
     weights_at: usize,
-    sun_light_at: usize,
+    means_at: usize,
     states_at: usize,
     blocks_at: usize,
     plane_at: usize,
@@ -44,14 +43,19 @@ impl Layout {
         let response = field.response();
         let aligned = |bytes: usize| bytes.checked_next_multiple_of(RELUME_MEMORY_ALIGN);
         let weights_at = aligned(size_of::<Relume>())?;
-        let sun_light_at = aligned(weights_at + size_of::<FixedWeights>())?;
-        let states_at = aligned(sun_light_at + size_of::<SunLight>())?;
+        let means_at = aligned(weights_at + size_of::<FixedWeights>())?;
+        let states_at = aligned(means_len(field).checked_mul(size_of::<f32>())?.checked_add(means_at)?)?;
         let blocks_at = aligned(response.tiles().checked_mul(size_of::<TileState>())?.checked_add(states_at)?)?;
         let plane_at = aligned(response.blocks().checked_mul(size_of::<BlockState>())?.checked_add(blocks_at)?)?;
         let length = aligned(response.plane_len().checked_mul(2)?.checked_add(plane_at)?)?;
         isize::try_from(length).ok()?;
-        Some(Layout { weights_at, sun_light_at, states_at, blocks_at, plane_at, length })
+        Some(Layout { weights_at, means_at, states_at, blocks_at, plane_at, length })
     }
+}
+
+/// Values of the sun's light on the bounce points and up their tree.
+fn means_len(field: &Field<'_>) -> usize {
+    2 * field.bounce().points()
 }
 
 /// Writes what `make` makes to `to`, on a stack of its own, so that two large values do not lie there at once.
@@ -78,7 +82,9 @@ pub unsafe fn open(memory: *mut u8, layout: Layout, field: Field<'static>) -> *m
     // SAFETY: the parts lie in the memory one after the other, each aligned, by `Layout::new`.
     unsafe {
         let weights = place(memory.add(layout.weights_at).cast(), || FixedWeights::dark(field.patch_set().len()));
-        let sun_light = place(memory.add(layout.sun_light_at).cast(), || SunLight::without(&field));
+        let means: *mut f32 = memory.add(layout.means_at).cast();
+        means.write_bytes(0, means_len(&field));
+        let means = core::slice::from_raw_parts_mut(means, means_len(&field));
         let states: *mut TileState = memory.add(layout.states_at).cast();
         let blocks: *mut BlockState = memory.add(layout.blocks_at).cast();
         let plane: *mut u16 = memory.add(layout.plane_at).cast();
@@ -89,7 +95,7 @@ pub unsafe fn open(memory: *mut u8, layout: Layout, field: Field<'static>) -> *m
             blocks.add(index).write(BlockState::new());
         }
         plane.write_bytes(0, response.plane_len());
-        let relighting = Relighting::new(field, weights, sun_light);
+        let relighting = Relighting::new(field, weights, means);
         object.write(Relume { itself: object as usize, relighting, states, blocks, plane });
     }
     object

@@ -5,7 +5,8 @@ use crate::damage::Damage;
 use crate::frame::Frame;
 use crate::tile_state::{FrameLight, TileState};
 use crate::types::{RelumeError, RelumeRect};
-use relume_firmware::bound::BoundLight;
+use relume_firmware::bounce::mean_up;
+use relume_firmware::bound::{BoundLight, CodeSlope};
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
 use relume_firmware::relight::{LinearTile, TileLight};
@@ -21,12 +22,15 @@ pub struct Relighting {
     view_light: ViewLight,
     weights: &'static mut FixedWeights,
     bound_light: BoundLight,
+    slope: CodeSlope,
     /// Counts lights, from 1.
     light: u64,
     /// The newest direction of a sun that was up.
     sun_dir_world: Option<[f32; 3]>,
     /// What traces it.
-    sun_light: &'static mut SunLight,
+    sun_light: Option<SunLight>,
+    /// Its light on the bounce points, in the upper half, and the means up their tree.
+    means: &'static mut [f32],
     /// Counts its changes, from 1.
     sun_number: u64,
     sun_is_up: bool,
@@ -62,17 +66,20 @@ impl Tally {
 
 impl Relighting {
     /// In the dark, on this machine's fastest kernel. The large parts, both of this field and without light, lie elsewhere:
-    /// they would fill a small stack on their way.
-    pub fn new(field: Field<'static>, weights: &'static mut FixedWeights, sun_light: &'static mut SunLight) -> Self {
+    /// weights would fill a small stack on their way, and how many `means` there are is the field's affair (two for each
+    /// bounce point).
+    pub fn new(field: Field<'static>, weights: &'static mut FixedWeights, means: &'static mut [f32]) -> Self {
         Relighting {
             field,
             kernel: Kernel::detect(),
             view_light: ViewLight::new(),
             weights,
             bound_light: BoundLight::DARK,
+            slope: CodeSlope::new(),
             light: 1,
             sun_dir_world: None,
-            sun_light,
+            sun_light: None,
+            means,
             sun_number: 0,
             sun_is_up: false,
         }
@@ -117,11 +124,21 @@ impl Relighting {
         if let Some(SunWeight { dir_world, .. }) = sun
             && self.sun_dir_world != Some(dir_world)
         {
-            self.sun_dir_world = Some(dir_world);
-            self.sun_light.set(&self.field, dir_world);
-            self.sun_number += 1;
+            self.look_at_sun(dir_world);
         }
         Ok(())
+    }
+
+    /// Looks at a new sun from every bounce point. Every tile's indirect light takes from points all over the scene, so
+    /// this comes before any band is traced, and nothing here changes while bands are.
+    fn look_at_sun(&mut self, dir_world: [f32; 3]) {
+        let sun_light = SunLight::new(&self.field, dir_world);
+        let points = self.means.len() / 2;
+        sun_light.points(&self.field, 0, &mut self.means[points..]);
+        mean_up(self.means);
+        self.sun_dir_world = Some(dir_world);
+        self.sun_light = Some(sun_light);
+        self.sun_number += 1;
     }
 
     fn first_tile(&self, band: usize) -> usize {
@@ -139,9 +156,7 @@ impl Relighting {
     /// Traces the sun's light in those tiles of a band that have not seen its newest direction. `states` are the
     /// band's tiles, `slots` its part of the plane ([`Relighting::slots_of`]).
     pub fn trace_band(&self, band: usize, states: &mut [TileState], slots: &mut [u16]) {
-        if self.sun_dir_world.is_none() {
-            return;
-        }
+        let Some(sun_light) = &self.sun_light else { return };
         let begin = self.slots_of(band).start;
         let mut fresh = [0u16; 3 * TILE_PIXELS];
         for (column, state) in states.iter_mut().enumerate() {
@@ -151,7 +166,7 @@ impl Relighting {
             let index = self.first_tile(band) + column;
             let tile = self.field.response().tile(index);
             let fresh = &mut fresh[..3 * tile.padded_pixels()];
-            self.sun_light.tile(&self.field, index, self.kernel, fresh);
+            sun_light.tile(&self.field, index, self.means, fresh);
             let at = tile.plane_at - begin;
             state.take_sun(self.sun_number, &mut slots[at..at + fresh.len()], fresh);
         }
@@ -172,7 +187,7 @@ impl Relighting {
         damage: &mut Damage<'_>,
     ) -> Tally {
         let sun = self.sun_is_up.then_some((plane, self.weights.sun_q16()));
-        let light = TileLight { sun, weights: self.weights };
+        let light = TileLight { sun, weights: self.weights, unpacked: &[] };
         let mut tally = Tally::default();
         let mut linear = LinearTile::new();
         for (column, state) in states.iter_mut().enumerate() {
@@ -216,7 +231,7 @@ impl Relighting {
             false => blocks.get(column / BLOCK_TILES, |projected| self.project(index, projected)),
         };
         let sun_q16 = light.sun.map_or([0; 3], |(_, q16)| q16);
-        let frame_light = FrameLight { number: self.light, sun_q16, weights: self.weights };
+        let frame_light = FrameLight { number: self.light, sun_q16, weights: self.weights, slope: &self.slope };
         if in_place && state.may_stay(&self.field, index, projected, frame_light) {
             return true;
         }

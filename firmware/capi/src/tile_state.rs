@@ -2,13 +2,12 @@
 
 use crate::block_state::Projected;
 use crate::frame::{Target, ViewIdentity};
-use relume_firmware::bound::{DARK_POWER, code_bound};
+use relume_firmware::bound::{CodeSlope, dark_share};
 use relume_firmware::coefficients::TileReach;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Extent;
 use relume_firmware::relight::{Coefficients, SUN_UNIT};
 use relume_firmware::tile::{TILE_PIXELS, Tile};
-use relume_firmware::tone::LINEAR_SLOPE;
 use relume_firmware::weights::{Apart, FixedWeights, MAX_STANDOUTS};
 
 /// A tile is kept when no code of it changes by more than this before rounding.
@@ -25,6 +24,8 @@ pub struct FrameLight<'a> {
     pub sun_q16: [u32; 3],
     /// Patches apart: shown by their own rows.
     pub weights: &'a FixedWeights,
+    /// Turns bounds on light into bounds on codes.
+    pub slope: &'a CodeSlope,
 }
 
 /// What a tile was last drawn with.
@@ -52,8 +53,8 @@ pub struct TileState {
     sun_drift: u32,
     /// Largest value of the sun's response before and after the newest tracing, in 1/32768.
     sun_peak: u32,
-    /// Smallest row scale / 65535 that is not black, per channel.
-    darkest_row: [f32; 3],
+    /// [`dark_share`] of the smallest row scale that is not black, per channel.
+    dark_share: [f32; 3],
     /// Bounds on what is shown now: linear, and codes with rounding.
     pub shown_bound: (f32, f32),
     /// Does the view show through anywhere?
@@ -72,7 +73,7 @@ impl TileState {
             traced_sun: 0,
             sun_drift: 0,
             sun_peak: 0,
-            darkest_row: darkest_row(&tile),
+            dark_share: darkest_row(&tile).map(dark_share),
             shown_bound: (0.0, 0.0),
             shows_view: tile.pixels() < TILE_PIXELS || field.coverage(index).is_some(),
             empty: tile.pixels() == 0,
@@ -113,13 +114,13 @@ impl TileState {
             kind.iter_mut().zip(rows).for_each(|(moved, rows)| *moved += rows);
         }
         let sun = self.sun_change(drawn, light.sun_q16);
-        if self.codes(&drawn.extent, moved, sun) >= HALF_CODE {
+        if self.codes(light.slope, &drawn.extent, moved, sun) >= HALF_CODE {
             return false;
         }
         for (moved, bound) in moved.iter_mut().flatten().zip(drawn.bound.iter().flatten()) {
             *moved += bound;
         }
-        self.shown_bound = self.bound_of(&drawn.extent, moved, sun);
+        self.shown_bound = self.bound_of(light.slope, &drawn.extent, moved, sun);
         self.judged_light = light.number;
         true
     }
@@ -142,7 +143,7 @@ impl TileState {
         let mut apart = [Apart::default(); MAX_STANDOUTS];
         let apart_count = apart.iter_mut().zip(light.weights.apart()).map(|(own, other)| *own = other).count();
         let sun_q16 = light.sun_q16;
-        self.shown_bound = self.bound_of(&extent, bound, [0.0; 3]);
+        self.shown_bound = self.bound_of(light.slope, &extent, bound, [0.0; 3]);
         self.drawn = Some(Drawn { coefficients, sun_q16, apart, apart_count, extent, bound, view, target });
         self.judged_light = light.number;
         self.sun_drift = 0;
@@ -158,19 +159,18 @@ impl TileState {
     }
 
     /// Linear and, with rounding, in codes: what is shown when the sky's light is within `sky` and the sun's within `sun`.
-    fn bound_of(&self, extent: &Extent, sky: [[f32; 3]; 2], sun: [f32; 3]) -> (f32, f32) {
-        (sky[0].into_iter().fold(0.0, f32::max), self.codes(extent, sky, sun) + CODE_ROUNDING)
+    fn bound_of(&self, slope: &CodeSlope, extent: &Extent, sky: [[f32; 3]; 2], sun: [f32; 3]) -> (f32, f32) {
+        (sky[0].into_iter().fold(0.0, f32::max), self.codes(slope, extent, sky, sun) + CODE_ROUNDING)
     }
 
     /// The largest change of a code that a change of the sky's light within `sky` and of the sun's within `sun` makes
     /// in a tile of linear values within `extent`.
-    fn codes(&self, extent: &Extent, sky: [[f32; 3]; 2], sun: [f32; 3]) -> f32 {
+    fn codes(&self, slope: &CodeSlope, extent: &Extent, sky: [[f32; 3]; 2], sun: [f32; 3]) -> f32 {
         let smallest = extent.smallest();
         let code = |c: usize| {
             let after = smallest[c] - sky[0][c] - sun[c];
-            let slope = if after > 0.0 { 112.1 * libm::powf(after, -DARK_POWER) } else { f32::MAX };
-            let by_sun = if sun[c] > 0.0 { slope.min(LINEAR_SLOPE) * sun[c] } else { 0.0 };
-            code_bound(sky[0][c], sky[1][c], smallest[c], self.darkest_row[c]) + by_sun
+            let by_sun = if sun[c] > 0.0 { slope.above(after) * sun[c] } else { 0.0 };
+            slope.codes(sky[0][c], sky[1][c], smallest[c], self.dark_share[c]) + by_sun
         };
         code(0).max(code(1)).max(code(2))
     }
