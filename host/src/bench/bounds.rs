@@ -110,17 +110,15 @@ pub fn truth(
         each(k, &|c| (f64::from(shown[c]) - unrounded_code(exact[k][c] * exposure)).abs())
     });
     let brightest = map.largest(|k| each(k, &|c| unrounded_code(exact[k][c] * exposure)));
-    let errors = linear.into_iter().zip(codes).zip(brightest);
-    let tile =
-        |(bound, ((linear, codes), brightest)): (Option<(f32, f32)>, ((Option<f64>, Option<f64>), Option<f64>))| {
-            let (bound_linear, bound_codes) = bound?;
-            Some(TileTruth {
-                linear: (f64::from(bound_linear), linear?),
-                codes: (f64::from(bound_codes), codes?),
-                brightest_code: brightest?,
-            })
-        };
-    relighter.tile_bounds().zip(errors).filter_map(tile).collect()
+    let tile = |(index, bound): (usize, Option<(f32, f32)>)| {
+        let (bound_linear, bound_codes) = bound?;
+        Some(TileTruth {
+            linear: (f64::from(bound_linear), linear[index]?),
+            codes: (f64::from(bound_codes), codes[index]?),
+            brightest_code: brightest[index]?,
+        })
+    };
+    relighter.tile_bounds().enumerate().filter_map(tile).collect()
 }
 
 /// Measures; `None` where the field has no bounds, or no sky is without sun.
