@@ -78,7 +78,7 @@ impl Matter {
                 Matter::Black => 0.0,
                 Matter::NoBlue if c == 2 => 0.0,
                 Matter::OnlyRed if c > 0 => 0.0,
-                Matter::BlackRows if (x as usize + c) % 5 == 0 => 0.0,
+                Matter::BlackRows if (x as usize + c).is_multiple_of(5) => 0.0,
                 _ => albedo,
             };
             if covered > 0.0 {
