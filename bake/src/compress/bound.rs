@@ -164,7 +164,7 @@ mod tests {
     #[test]
     fn an_ellipsoid_around_one_point_is_tight() {
         let point: Vec<f64> = (0..12).map(|d| 4f64.powi(-d)).collect();
-        let (codes, scale) = ellipsoid(&[point.clone()], &[1.0; 12]);
+        let (codes, scale) = ellipsoid(std::slice::from_ref(&point), &[1.0; 12]);
         let bound: f64 = codes.iter().map(|&code| f64::from(bound_value(code)) * f64::from(scale)).sum();
         let best = point.iter().map(|f| f.sqrt()).sum::<f64>().powi(2);
         assert!(bound >= best && bound < 1.15 * best, "{bound} {best}");
