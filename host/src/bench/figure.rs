@@ -24,7 +24,7 @@ pub fn figure(report: &BenchReport) -> Option<Chart> {
     let mut all: Vec<(String, Vec<(f64, f64)>)> =
         names.iter().map(|name| (name.clone(), of(name).into_iter().filter_map(sky_alone).collect())).collect();
     let sunny = of(RELUME_NAME).into_iter().filter_map(sun_up).collect();
-    all.push((format!("{RELUME_NAME}, sun up"), sunny));
+    all.push((SUN_UP.to_owned(), sunny));
     all.retain(|(_, points)| !points.is_empty());
     let (x, y) = (Axis::log("CPU ms per frame"), Axis::log("relative RMSE, worst sky, %"));
     let chart = Chart::new("Time against error: one thread, in cache", x, y);
@@ -33,12 +33,14 @@ pub fn figure(report: &BenchReport) -> Option<Chart> {
             chart.with(match name.as_str() {
                 BY_ERROR => Series::scatter(name, points),
                 BY_TIME => Series::scatter(name, points).with_color(0x8c, 0x56, 0x4b),
+                SUN_UP => Series::line(name, points).with_markers().with_color(0x7a, 0xb8, 0x00),
                 _ => Series::line(name, points).with_markers(),
             })
         })
     })
 }
 
+const SUN_UP: &str = "relume, sun up";
 const BY_ERROR: &str = "relume, error budgets";
 const BY_TIME: &str = "relume, time budgets";
 
