@@ -56,6 +56,12 @@ pub struct Relighter<'f> {
     pace: Pace,
     /// Set weights since the last [`Relighter::draw`]?
     new_weights: bool,
+    /// Do all blocks have the coefficients of `given`?
+    settled: bool,
+    /// When the newest weights came.
+    started: Instant,
+    /// The counters of the last frame, its view and its ranks, while nothing has changed since.
+    shown: Option<(FrameCounters, u64, Option<usize>)>,
     counters: FrameCounters,
 }
 
@@ -94,6 +100,9 @@ impl<'f> Relighter<'f> {
             budget: Budget::default(),
             pace: Pace::new(largest_rank),
             new_weights: false,
+            settled: false,
+            started: Instant::now(),
+            shown: None,
             counters,
         }
     }
@@ -158,10 +167,12 @@ impl<'f> Relighter<'f> {
     pub fn invalidate(&mut self) {
         self.states.iter_mut().filter(|state| !state.empty).for_each(|state| state.is_drawn = false);
         self.blocks.iter_mut().for_each(Block::forget);
+        self.settled = false;
     }
 
     /// Draws every tile anew with the next frame, without projecting anew.
     pub fn redraw(&mut self) {
+        self.shown = None;
         self.states.iter_mut().filter(|state| !state.empty).for_each(|state| state.is_drawn = false);
     }
 
@@ -172,6 +183,12 @@ impl<'f> Relighter<'f> {
     /// [`WeightError`]; everything then stays as it was.
     pub fn set_weights(&mut self, given: &PatchWeights, exposure: f32) -> Result<(), WeightError> {
         let sun = given.sun.filter(sun_is_up);
+        if self.settled && exposure == self.exposure && sun == self.given.sun && given.radiance == self.given.radiance {
+            self.counters.sun_traced = false;
+            (self.counters.blocks_projected, self.counters.blocks_stepped, self.counters.patches_changed) = (0, 0, 0);
+            return Ok(());
+        }
+        self.started = Instant::now();
         self.levels.set(&self.field, given, exposure)?;
         self.given.radiance.clone_from(&given.radiance);
         self.given.sun = sun;
@@ -189,6 +206,7 @@ impl<'f> Relighter<'f> {
             Some(step) => step.changed(),
             None => 0,
         };
+        self.settled = true;
         Ok(())
     }
 
@@ -277,11 +295,15 @@ impl<'f> Relighter<'f> {
     /// Draws the newest weights over `view`: only tiles that may change by half a code or more since they were last
     /// drawn, or where a new view shows through. View and framebuffer must have the field's size.
     pub fn draw(&mut self, view: &View, framebuffer: &mut Framebuffer) -> FrameCounters {
-        let started = Instant::now();
+        let started = if self.new_weights { self.started } else { Instant::now() };
         let (width, height) = (self.field.width(), self.field.height());
         if framebuffer.pixels.len() != width * height {
             *framebuffer = Framebuffer::new(width, height);
             self.states.iter_mut().for_each(|state| state.is_drawn = false);
+            self.shown = None;
+        }
+        if let Some(still) = self.still(view) {
+            return still;
         }
         let mut drew = self.draw_tiles(view, framebuffer);
         let bounded = self.levels.bounds(&self.field).is_some();
@@ -312,7 +334,25 @@ impl<'f> Relighter<'f> {
             self.pace.follow(started.elapsed(), allowed);
         }
         self.new_weights = false;
+        self.shown = self.settled.then_some((counters, view.identity, self.pace.rank_limit));
         counters
+    }
+
+    /// The counters of a frame in which nothing has changed since the one before, if this is one.
+    fn still(&self, view: &View) -> Option<FrameCounters> {
+        let (last, shown_view, rank_limit) = self.shown?;
+        let same = self.settled && !self.new_weights && shown_view == view.identity;
+        let kept = FrameCounters {
+            tiles_drawn: 0,
+            tiles_kept: last.tiles - last.tiles_empty,
+            bound_linear: last.bound_linear,
+            bound_codes: last.bound_codes,
+            rank_limit: self.pace.rank_limit,
+            tiles_empty: last.tiles_empty,
+            tiles_way_back: 0,
+            ..self.counters
+        };
+        (same && rank_limit == self.pace.rank_limit).then_some(kept)
     }
 
     /// Lets every block whose tiles were all well within the error budget try one level less with the new weights.
@@ -360,6 +400,7 @@ impl<'f> Relighter<'f> {
             blocks: &self.blocks,
             sun: self.given.sun.map(|_| (self.sun.plane(), sun_q16)),
             unpacked: &unpacked[..count],
+            for_error: matches!(self.budget, Budget::ErrorCodes(_)),
             slope: &self.slope,
             view: view.identity,
             rank_limit: self.pace.rank_limit,

@@ -2,7 +2,7 @@
 
 use super::blocks::Block;
 use super::levels::Levels;
-use super::tiles::TileState;
+use super::tiles::{Dimmest, TileState, brightness_of};
 use relume_firmware::bound::CodeSlope;
 use relume_firmware::composite::{Compositor, Target};
 use relume_firmware::field::Field;
@@ -42,6 +42,8 @@ pub(super) struct Drawing<'a> {
     pub(super) blocks: &'a [Block],
     pub(super) sun: Option<(&'a [u16], [u32; 3])>,
     pub(super) unpacked: &'a [UnpackedRows<'a>],
+    /// Is there an error budget?
+    pub(super) for_error: bool,
     pub(super) slope: &'a CodeSlope,
     pub(super) view: u64,
     pub(super) rank_limit: Option<usize>,
@@ -78,7 +80,13 @@ impl Drawing<'_> {
                 let coefficients = limited.as_ref().unwrap_or(&block.coefficients);
                 let extent = self.compositor.tile(self.field, index, (coefficients, &light), &mut linear, target);
                 if state.empty || self.levels.bounds_on() {
-                    state.note(index, self, block, extent);
+                    let mut dimmest = Dimmest::of(extent);
+                    if self.for_error && !state.empty {
+                        // An error budget is worth a second look: a dark pixel of a dark row is not at fault.
+                        coefficients.pixels(self.field, index, &light, self.compositor.kernel, &mut linear);
+                        dimmest.brightness = brightness_of(&response.tile(index), &linear);
+                    }
+                    state.note(index, self, block, dimmest);
                 }
                 drew.drawn += usize::from(!state.empty);
                 drew.way_back += usize::from(block.level > 0 && !state.empty);

@@ -6,7 +6,7 @@ use relume_firmware::bound::{CodeSlope, dark_share};
 use relume_firmware::coefficients::TileReach;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Extent;
-use relume_firmware::relight::{Coefficients, SUN_UNIT};
+use relume_firmware::relight::{Coefficients, LinearTile, SUN_UNIT};
 use relume_firmware::tile::{TILE_PIXELS, Tile};
 use relume_firmware::weights::{Apart, FixedWeights, MAX_STANDOUTS};
 
@@ -20,7 +20,10 @@ struct Drawn {
     apart_count: usize,
     level: usize,
     view: u64,
-    extent: Extent,
+    /// Light that no pixel falls below, per channel.
+    smallest: [f32; 3],
+    /// Light over (row scale / 65535) that no pixel falls below.
+    brightness: [f32; 3],
     /// Bounds on its error, `[plain, weighted][channel]`.
     bound: [[f32; 3]; 2],
 }
@@ -64,7 +67,8 @@ impl TileState {
                 apart_count: 0,
                 level: 0,
                 view: 0,
-                extent: Extent::EMPTY,
+                smallest: [0.0; 3],
+                brightness: [0.0; 3],
                 bound: [[0.0; 3]; 2],
             },
             is_drawn: false,
@@ -108,7 +112,7 @@ impl TileState {
     }
 
     /// Remembers what is shown from now on.
-    pub(super) fn note(&mut self, index: usize, drawing: &Drawing<'_>, block: &Block, extent: Extent) {
+    pub(super) fn note(&mut self, index: usize, drawing: &Drawing<'_>, block: &Block, dimmest: Dimmest) {
         let tile = drawing.field.response().tile(index);
         let weights = &drawing.levels.get(block.level).weights;
         let limited = drawing.limited(block);
@@ -123,7 +127,8 @@ impl TileState {
             drawn.apart[drawn.apart_count] = apart;
             drawn.apart_count += 1;
         }
-        (drawn.level, drawn.view, drawn.extent) = (block.level, drawing.view, extent);
+        (drawn.level, drawn.view) = (block.level, drawing.view);
+        (drawn.smallest, drawn.brightness) = (dimmest.smallest, dimmest.brightness);
         drawn.bound = block.bound;
         for kind in &mut drawn.bound {
             (0..3).for_each(|c| kind[c] += rounding[c] + rows[c]);
@@ -142,10 +147,10 @@ impl TileState {
 
     /// The largest change of a code that a change of the sky's light within `sky` and of the sun's within `sun` makes.
     fn codes(&self, slope: &CodeSlope, sky: [[f32; 3]; 2], sun: [f32; 3]) -> f32 {
-        let smallest = self.drawn.extent.smallest();
+        let Drawn { smallest, brightness, .. } = self.drawn;
         let code = |c: usize| {
             let sun_codes = if sun[c] > 0.0 { slope.above(smallest[c] - sky[0][c] - sun[c]) * sun[c] } else { 0.0 };
-            slope.codes(sky[0][c], sky[1][c], smallest[c], self.dark_share[c]) + sun_codes
+            slope.codes(sky[0][c], sky[1][c], brightness[c], self.dark_share[c]) + sun_codes
         };
         code(0).max(code(1)).max(code(2))
     }
@@ -208,5 +213,31 @@ fn darkest_row(tile: &Tile<'_>) -> [f32; 3] {
         let rows = tile.rows.as_chunks::<2>().0[c * n..][..tile.pixels()].iter();
         let darkest = rows.map(|row| u16::from_le_bytes(*row)).filter(|&row| row > 0).min();
         f32::from(darkest.unwrap_or(u16::MAX)) / 65535.0
+    })
+}
+
+/// How dim a tile's pixels are, per channel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Dimmest {
+    /// Light that no pixel falls below.
+    pub(super) smallest: [f32; 3],
+    /// Light over (row scale / 65535) that no pixel falls below.
+    pub(super) brightness: [f32; 3],
+}
+
+impl Dimmest {
+    /// From what the kernel tells: no row scale is above 65535.
+    pub(super) fn of(extent: Extent) -> Self {
+        Dimmest { smallest: extent.smallest(), brightness: extent.smallest() }
+    }
+}
+
+/// Light over (row scale / 65535) that no pixel falls below, from a tile's linear values; black rows do not count.
+pub(super) fn brightness_of(tile: &Tile<'_>, linear: &LinearTile) -> [f32; 3] {
+    let n = tile.padded_pixels();
+    core::array::from_fn(|c| {
+        let rows = tile.rows.as_chunks::<2>().0[c * n..][..tile.pixels()].iter().map(|row| u16::from_le_bytes(*row));
+        let lit = rows.zip(&linear.0[c]).filter(|(row, _)| *row > 0);
+        lit.map(|(row, light)| light * 65535.0 / f32::from(row)).fold(f32::INFINITY, f32::min)
     })
 }
