@@ -86,6 +86,10 @@ pub fn sun_dir_world([azimuth_deg, altitude_deg]: [f64; 2], north_deg: f64) -> V
     Vec3::new((level * azimuth.sin()) as f32, altitude.sin() as f32, (-level * azimuth.cos()) as f32)
 }
 
+/// Mean light, under an even sky of radiance 1, below which a view is taken for the inside of something closed: what gets
+/// there came through cracks between triangles.
+const DARK_LIGHT: f64 = 1e-4;
+
 /// Bakes a field. The same scene, options and seed give the same bytes whatever the number of threads.
 ///
 /// # Errors
@@ -110,14 +114,14 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
         stack_sun: stack_sun.map(|(_, dir)| dir),
     };
     let (writer, mut report) = job.run(options.progress)?;
-    if report.rank_max == 0 {
+    report.finish(&writer, started.elapsed());
+    if report.light_mean < DARK_LIGHT {
         let position = camera.position.map(|c| c as f32);
         return Err(TransportError::Dark { position }.into());
     }
     if let Some(stack) = job.stack {
         stack.finish()?;
     }
-    report.finish(&writer, started.elapsed());
     let header = header(camera, patches, options);
     let casters = job.compressor.casters;
     let bytes = writer.into_bytes(header, [casters.casters, casters.nodes, job.bounce.layer()], &report.to_json());
@@ -182,6 +186,7 @@ impl Job<'_> {
             let mut tiles = Vec::new();
             for block in blocks? {
                 writer.push_bound(&block.bound);
+                report.add_light(block.light);
                 tiles.extend(block.tiles);
             }
             // The file holds tiles row by row.

@@ -18,6 +18,8 @@ pub struct FieldBlock {
     pub bound: Vec<u8>,
     /// Its tiles, row by row.
     pub tiles: Vec<FieldTile>,
+    /// Light of its covered pixels under an even sky of radiance 1, summed over pixels, mean of the channels.
+    pub light: f64,
 }
 
 /// One tile of a block.
@@ -73,7 +75,8 @@ impl BlockCompressor {
             written.push(tile);
         }
         let bound = block_bound(&response, patches, &sky, &row_tops, &self.skies, &self.basis);
-        FieldBlock { bound: bound_record(&bound, self.basis.ncols(), patches), tiles: written }
+        let light = response.iter().map(|&r| f64::from(r)).sum::<f64>() / 3.0;
+        FieldBlock { light, bound: bound_record(&bound, self.basis.ncols(), patches), tiles: written }
     }
 
     fn tile(&self, tile: BlockTile, pixels: Range<usize>, response: &[f32], sky: &Compressed) -> FieldTile {

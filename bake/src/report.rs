@@ -20,8 +20,12 @@ pub struct Report {
     /// Wall-clock seconds of the bake.
     #[serde(skip)]
     pub seconds: f64,
+    /// Mean light of the covered pixels under an even sky of radiance 1.
+    pub light_mean: f64,
     #[serde(skip)]
     rank_sum: f64,
+    #[serde(skip)]
+    light_sum: f64,
 }
 
 impl Report {
@@ -34,10 +38,16 @@ impl Report {
         self.rank_max = self.rank_max.max(usize::from(record.rank));
     }
 
+    /// Counts a block's light.
+    pub fn add_light(&mut self, light: f64) {
+        self.light_sum += light;
+    }
+
     /// Closes the sums.
     pub fn finish(&mut self, writer: &FieldWriter, time: Duration) {
         let covered = f64::from(writer.covered().max(1));
         self.rank_mean = self.rank_sum / covered;
+        self.light_mean = self.light_sum / covered;
         self.bytes_per_covered_pixel = writer.response_bytes() as f64 / covered;
         self.seconds = time.as_secs_f64();
     }
