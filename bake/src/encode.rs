@@ -3,7 +3,7 @@
 use crate::compress::{BlockBound, Compressed, TileRows};
 use relume_firmware::bound::GROUP;
 use relume_firmware::tile::{ALL_WHOLE, LANE_PAD, MAX_RANK, TILE_PX, TileRecord, padded};
-use relume_firmware::wayback::{WAY_ENTRY, WAY_HEADER, error_code};
+use relume_firmware::wayback::{ERROR, WAY_ENTRY, WAY_HEADER};
 use std::ops::Range;
 
 /// The bytes of one tile of a tile set; places in `record` are still open.
@@ -119,7 +119,7 @@ pub fn way_block(rows: &TileRows, pixels: usize) -> Vec<u8> {
         entry[2] = bits[0] | bits[1] << 4;
         entry[3] = bits[2] | rows.exponent << 4;
         entry[4..7].copy_from_slice(&bases.map(|base| base as u8));
-        entry[7] = error_code(rows.error_units);
+        entry[7] = ERROR.code(rows.error_units);
         for ((part, base), bits) in parts.iter().zip(bases).zip(bits) {
             for bit in 0..bits {
                 let from = block.len();

@@ -5,7 +5,7 @@
 //!       16 f32 [K][patches]: orthonormal modes of the sky prior
 //! BNDT  per block of 2 x 2 tiles (tile.rs):
 //!       0 f32[3] scale, plain, R G B   12 f32[3] scale, weighted   24 f32[3] reach, plain   36 f32[3] weighted
-//!       48 u8 [2][3][D'] codes of m, plain then weighted; D' = D rounded up to 16
+//!       48 u8 [2][3][D'] codes of m ([`AXIS`]), plain then weighted; D' = D rounded up to 16
 //! ```
 //!
 //! With `a` the parts of the weights along the modes and, for the rest, the norms over groups of patches,
@@ -15,6 +15,7 @@
 
 use crate::field::FieldError;
 use crate::header::{f32_at, u32_at, vec3_at};
+use crate::minifloat::Minifloat;
 use crate::patches::MAX_PATCHES;
 use crate::tile::{LANE_PAD, padded};
 use crate::tone::LINEAR_SLOPE;
@@ -30,18 +31,8 @@ const MAX_DIMS: usize = padded(BOUND_MODES + MAX_PATCHES.div_ceil(GROUP));
 const BASIS_HEADER: usize = 16;
 const RECORD_HEADER: usize = 48;
 
-/// The value of a code: 5 bits of exponent, 3 of mantissa, 2^-40 (times 1 to 1.875) to 2^-9; code 0 is 0.
-pub fn bound_value(code: u8) -> f32 {
-    if code == 0 { 0.0 } else { f32::from_bits((u32::from(code) + (87 << 3)) << 20) }
-}
-
-/// The smallest code whose value is not below `value`; 255 beyond the range, 1 below it.
-pub fn bound_code(value: f32) -> u8 {
-    if value <= 0.0 {
-        return 0;
-    }
-    (1..=255).find(|&code| bound_value(code) >= value).unwrap_or(255)
-}
+/// The codes of `m`.
+pub const AXIS: Minifloat = Minifloat::from(-40);
 
 /// Checked bound layers.
 #[derive(Clone, Copy, Debug)]
@@ -156,9 +147,7 @@ fn weighted_sum(codes: &[u8], squares: &[f32]) -> f32 {
     let mut lanes = [0.0f32; LANE_PAD];
     for (codes, squares) in codes.as_chunks::<LANE_PAD>().0.iter().zip(squares.as_chunks::<LANE_PAD>().0) {
         for k in 0..LANE_PAD {
-            // Code 0 becomes 2^-40: a little more, never less, and no branch.
-            let value = f32::from_bits((u32::from(codes[k]) + (87 << 3)) << 20);
-            lanes[k] += value * squares[k];
+            lanes[k] += AXIS.above_zero(codes[k]) * squares[k];
         }
     }
     lanes.iter().sum()
@@ -223,18 +212,6 @@ pub fn dark_share(row: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn codes_round_up_and_cover_the_range() {
-        for exponent in -38..-9 {
-            for step in 0..16 {
-                let value = libm::scalbnf(1.0 + step as f32 / 16.0, exponent);
-                let found = bound_value(bound_code(value));
-                assert!(found >= value && found <= value * 1.13, "{value} {found}");
-            }
-        }
-        assert_eq!((bound_code(0.0), bound_value(0)), (0, 0.0));
-    }
 
     /// Against the curve itself: no pixel of any row scale moves further than the bound says.
     #[test]

@@ -153,9 +153,7 @@ impl TileReach<'_> {
         let (n, rank) = (tile.padded_pixels(), tile.rank());
         out.fill(0.0);
         for c in 0..3 {
-            for x in 0..tile.pixels() {
-                let at = 2 * (c * n + x);
-                let row = f32::from(u16::from_le_bytes([tile.rows[at], tile.rows[at + 1]]));
+            for (x, row) in tile.row_codes(c).map(f32::from).enumerate() {
                 let weighted = 65535.0 * libm::powf(row / 65535.0, 1.0 - crate::bound::DARK_POWER) * 1.0001;
                 for k in 0..rank {
                     let u = f32::from((tile.u[(k / 2 * n + x) * 2 + k % 2] as i8).unsigned_abs());

@@ -9,11 +9,13 @@ pub mod casters;
 pub mod coefficients;
 pub mod composite;
 pub mod direct;
+pub mod drawn;
 pub mod field;
 #[cfg(feature = "std")]
 pub mod glue;
 mod header;
 pub mod kernel;
+pub mod minifloat;
 pub mod overlay;
 pub mod patches;
 pub mod pixelpoints;

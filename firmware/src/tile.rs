@@ -132,6 +132,12 @@ impl<'a> Tile<'a> {
         u16_at(self.v_scale, 2 * (c * self.v_rank() + k))
     }
 
+    /// Row scales of channel `c` as stored, of the covered pixels in their order.
+    pub fn row_codes(&self, c: usize) -> impl Iterator<Item = u16> + use<'a> {
+        let rows = &self.rows.as_chunks::<2>().0[c * self.padded_pixels()..][..self.pixels()];
+        rows.iter().map(|row| u16::from_le_bytes(*row))
+    }
+
     /// What the largest row scale (65535) of channel `c` means.
     pub fn row_top(&self, c: usize) -> f32 {
         libm::scalbnf(65535.0, i32::from(self.record.row_exponent[c]))

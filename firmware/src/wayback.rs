@@ -6,7 +6,7 @@
 //!    0 u16 bit planes of the patches before this one
 //!    2 u8 bits of green | bits of red << 4           3 u8 bits of blue | exponent << 4
 //!    4 u8 base of green, 0..127    5 i8 base of red - green    6 i8 base of blue - green
-//!    7 u8 error: 5 bits of exponent, 3 of mantissa
+//!    7 u8 error, a minifloat from 2^-8 (minifloat.rs)
 //!   plane  n' / 8 bytes: bit x % 8 of byte x / 8 belongs to pixel x; green's planes, red's, blue's, lowest bit first
 //!
 //! green = base + bits; red = green + base + bits; blue = green + base + bits       (0..127)
@@ -19,6 +19,7 @@
 
 use crate::field::FieldError;
 use crate::header::{f32_at, u16_at, u32_at};
+use crate::minifloat::Minifloat;
 use crate::tile::{PLACE_UNIT, TILE_PIXELS, Tile, TileSet};
 
 /// Largest code.
@@ -32,18 +33,8 @@ pub const WAY_ENTRY: usize = 8;
 /// The place of a tile without rows.
 pub const NO_WAY: u32 = u32::MAX;
 
-/// The value of an error code: 2^-8 (times 1 to 1.875) to 2^23; code 0 is 0.
-pub fn error_value(code: u8) -> f32 {
-    if code == 0 { 0.0 } else { f32::from_bits((u32::from(code) + (119 << 3)) << 20) }
-}
-
-/// The smallest error code whose value is not below `value`.
-pub fn error_code(value: f32) -> u8 {
-    if value <= 0.0 {
-        return 0;
-    }
-    (1..=255).find(|&code| error_value(code) >= value).unwrap_or(255)
-}
+/// The codes of errors, in units.
+pub const ERROR: Minifloat = Minifloat::from(-8);
 
 /// Checked way-back layers.
 #[derive(Clone, Copy, Debug)]
@@ -150,7 +141,7 @@ impl PatchRows<'_> {
 
     /// Largest error of any pixel, in response per row scale (times 65535 * 2^re: response).
     pub fn error(&self) -> f32 {
-        error_value(self.entry[7]) * self.unit
+        ERROR.value(self.entry[7]) * self.unit
     }
 
     /// Unpacks the codes of all padded pixels.
@@ -200,14 +191,6 @@ mod tests {
         for (x, code) in codes.iter().enumerate() {
             let bit = |plane: usize| planes[plane * 2 + x / 8] >> (x % 8) & 1;
             assert_eq!(*code, 3 + bit(0) + 2 * bit(1), "{x}");
-        }
-    }
-
-    #[test]
-    fn error_codes_round_up() {
-        for value in [0.004f32, 0.25, 1.0, 31.7, 4e6] {
-            let found = error_value(error_code(value));
-            assert!(found >= value && found < value * 1.13);
         }
     }
 }

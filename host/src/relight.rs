@@ -7,6 +7,7 @@ mod counters;
 mod draw;
 mod file;
 mod levels;
+mod reading;
 mod sunplane;
 mod tiles;
 
@@ -25,7 +26,6 @@ use relume_firmware::bound::CodeSlope;
 use relume_firmware::composite::{Compositor, ViewPixels};
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
-use relume_firmware::relight::{Coefficients, LinearTile, TileLight};
 use relume_firmware::tile::TILE_PX;
 use relume_firmware::tone::ViewLight;
 use relume_firmware::weights::{SunWeight, WeightError};
@@ -54,14 +54,16 @@ pub struct Relighter<'f> {
     states: Vec<TileState>,
     budget: Budget,
     pace: Pace,
+    /// Number of the light that blocks have coefficients of and ranks are limited for.
+    moment: u64,
     /// Set weights since the last [`Relighter::draw`]?
     new_weights: bool,
     /// Do all blocks have the coefficients of `given`?
     settled: bool,
     /// When the newest weights came.
     started: Instant,
-    /// The counters of the last frame, its view and its ranks, while nothing has changed since.
-    shown: Option<(FrameCounters, u64, Option<usize>)>,
+    /// The counters of the last frame, its view and its moment.
+    shown: Option<(FrameCounters, u64, u64)>,
     counters: FrameCounters,
 }
 
@@ -99,6 +101,7 @@ impl<'f> Relighter<'f> {
             states: (0..response.tiles()).map(|index| TileState::new(&field, index)).collect(),
             budget: Budget::default(),
             pace: Pace::new(largest_rank),
+            moment: 1,
             new_weights: false,
             settled: false,
             started: Instant::now(),
@@ -140,6 +143,7 @@ impl<'f> Relighter<'f> {
 
     /// Uses at most this many ranks per tile from the next frame on; `None` for all.
     pub fn set_rank_limit(&mut self, limit: Option<usize>) {
+        self.moment += u64::from(self.pace.rank_limit != limit);
         self.pace.rank_limit = limit;
     }
 
@@ -194,6 +198,7 @@ impl<'f> Relighter<'f> {
         self.given.sun = sun;
         self.exposure = exposure;
         self.new_weights = true;
+        self.moment += 1;
         self.levels.unpack(&self.field);
         self.lower_levels();
         self.follow_sun();
@@ -217,8 +222,7 @@ impl<'f> Relighter<'f> {
         let changes = self.sun.follow(&self.field, sun.dir_world, self.pool.as_ref());
         self.counters.sun_traced = changes.is_some();
         for (state, change) in self.states.iter_mut().zip(changes.unwrap_or(&[])) {
-            state.sun_drift = state.sun_drift.saturating_add(change.largest);
-            state.sun_peak = change.peak;
+            state.sun.retraced(change.largest, change.peak);
         }
     }
 
@@ -245,51 +249,6 @@ impl<'f> Relighter<'f> {
         };
         let before = if new_weights { (0, 0) } else { (self.counters.blocks_projected, self.counters.blocks_stepped) };
         (self.counters.blocks_projected, self.counters.blocks_stepped) = add(before, (whole, stepped));
-    }
-
-    /// The linear picture of the newest weights, whatever their exposure was.
-    pub fn radiance(&mut self) -> Picture {
-        let (width, height) = (self.field.width(), self.field.height());
-        let mut picture =
-            Picture { width, height, rgb: vec![[0.0; 3]; width * height], alpha: vec![0.0; width * height] };
-        let exposure = reading_exposure(&self.given, &self.field);
-        let mut levels = Levels::new(&self.field);
-        // The same weights were accepted before, and the exposure is finite.
-        if levels.set(&self.field, &self.given, exposure).is_err() {
-            return picture;
-        }
-        for level in 1..=levels.top() {
-            if self.blocks.iter().any(|block| block.level == level) {
-                levels.prepare(&self.field, level, &self.given, exposure);
-            }
-        }
-        let scale = 1.0 / f64::from(exposure);
-        let (field, kernel) = (&self.field, self.kernel);
-        let max_rank = self.pace.rank_limit.unwrap_or(usize::MAX);
-        let sun = self.given.sun.map(|_| (self.sun.plane(), levels.get(0).weights.sun_q16()));
-        let (levels, blocks) = (&levels, &self.blocks);
-        let (columns, _) = field.response().grid();
-        let bands = picture.rgb.par_chunks_mut(width * TILE_PX).zip(picture.alpha.par_chunks_mut(width * TILE_PX));
-        install(self.pool.as_ref(), || {
-            bands.enumerate().for_each(|(row, (rgb, alpha))| {
-                let (mut linear, mut coefficients) = (LinearTile::new(), Coefficients::ZERO);
-                for column in 0..columns {
-                    let index = row * columns + column;
-                    let tile = field.response().tile(index);
-                    let weights = &levels.get(blocks[field.response().block_of(index)].level).weights;
-                    let light = TileLight { sun, weights, unpacked: &[] };
-                    coefficients.project(&tile, weights, kernel, max_rank);
-                    coefficients.pixels(field, index, &light, kernel, &mut linear);
-                    let coverage = field.coverage(index);
-                    for (k, pixel) in tile.covered().enumerate() {
-                        let at = pixel / TILE_PX * width + column * TILE_PX + pixel % TILE_PX;
-                        rgb[at] = linear.rgb(k).map(|value| (f64::from(value) * scale) as f32);
-                        alpha[at] = coverage.map_or(1.0, |c| f32::from(c[k]) / 255.0);
-                    }
-                }
-            });
-        });
-        picture
     }
 
     /// Draws the newest weights over `view`: only tiles that may change by half a code or more since they were last
@@ -328,20 +287,22 @@ impl<'f> Relighter<'f> {
         if bounded {
             (counters.bound_linear, counters.bound_codes) = (Some(drew.bound_linear), Some(drew.bound_codes));
         }
+        self.shown = self.settled.then_some((counters, view.identity, self.moment));
         if let Budget::Time(allowed) = self.budget
             && everything
         {
+            let before = self.pace.rank_limit;
             self.pace.follow(started.elapsed(), allowed);
+            self.moment += u64::from(self.pace.rank_limit != before);
         }
         self.new_weights = false;
-        self.shown = self.settled.then_some((counters, view.identity, self.pace.rank_limit));
         counters
     }
 
     /// The counters of a frame in which nothing has changed since the one before, if this is one.
     fn still(&self, view: &View) -> Option<FrameCounters> {
-        let (last, shown_view, rank_limit) = self.shown?;
-        let same = self.settled && !self.new_weights && shown_view == view.identity;
+        let (last, shown_view, moment) = self.shown?;
+        let same = self.settled && shown_view == view.identity && moment == self.moment;
         let kept = FrameCounters {
             tiles_drawn: 0,
             tiles_kept: last.tiles - last.tiles_empty,
@@ -352,7 +313,7 @@ impl<'f> Relighter<'f> {
             tiles_way_back: 0,
             ..self.counters
         };
-        (same && rank_limit == self.pace.rank_limit).then_some(kept)
+        same.then_some(kept)
     }
 
     /// Lets every block whose tiles were all well within the error budget try one level less with the new weights.
@@ -404,7 +365,7 @@ impl<'f> Relighter<'f> {
             slope: &self.slope,
             view: view.identity,
             rank_limit: self.pace.rank_limit,
-            same_weights: !self.new_weights,
+            moment: self.moment,
         };
         let band = |(row, (pixels, states)): (usize, (&mut [u32], &mut [TileState]))| drawing.band(row, pixels, states);
         let (pixels, states) = (&mut framebuffer.pixels, &mut self.states);
@@ -433,19 +394,4 @@ fn install<R: Send>(pool: Option<&rayon::ThreadPool>, work: impl FnOnce() -> R +
         Some(pool) => pool.install(work),
         None => work(),
     }
-}
-
-/// A power of two that brings the picture near display white, so that fixed point keeps its precision: from the
-/// radiance that a white surface would show if it met all the light at once.
-fn reading_exposure(weights: &PatchWeights, field: &Field<'_>) -> f32 {
-    let set = field.patch_set();
-    let sky: f64 = weights
-        .radiance
-        .iter()
-        .enumerate()
-        .map(|(patch, rgb)| f64::from(rgb.iter().fold(0.0f32, |m, &v| m.max(v))) * f64::from(set.solid_angle_sr(patch)))
-        .sum();
-    let sun = weights.sun.map_or(0.0, |sun| f64::from(sun.irradiance.iter().fold(0.0f32, |m, &v| m.max(v))));
-    let white = (sky + sun) / std::f64::consts::PI;
-    if white > 0.0 { 2f64.powf(-white.log2().ceil()).clamp(1e-30, 1e30) as f32 } else { 1.0 }
 }

@@ -9,7 +9,7 @@
 use super::Compressed;
 use crate::prior::Prior;
 use nalgebra::{DMatrix, DMatrixView};
-use relume_firmware::bound::{BOUND_MODES, DARK_POWER, GROUP, bound_code, bound_value};
+use relume_firmware::bound::{AXIS, BOUND_MODES, DARK_POWER, GROUP};
 
 /// Constants of one block; shapes as in firmware/src/bound.rs.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -132,9 +132,9 @@ fn ellipsoid(points: &[Vec<f64>], importance: &[f64]) -> (Vec<u8>, f32) {
     }
     // The largest takes the last code. No code stands for less than 1e-8 of it: it must not be zero where anything is left
     // out.
-    let top = f64::from(bound_value(u8::MAX));
-    let codes: Vec<u8> = m.iter().map(|m| bound_code(((m / largest).max(1e-8) * top) as f32)).collect();
-    let rounded: Vec<f64> = codes.iter().map(|&code| f64::from(bound_value(code))).collect();
+    let top = f64::from(AXIS.value(u8::MAX));
+    let codes: Vec<u8> = m.iter().map(|m| AXIS.code(((m / largest).max(1e-8) * top) as f32)).collect();
+    let rounded: Vec<f64> = codes.iter().map(|&code| f64::from(AXIS.value(code))).collect();
     let worst = points.iter().map(|point| fit(point, &rounded)).fold(0.0f64, f64::max);
     (codes, (worst * 1.0001) as f32)
 }
@@ -154,7 +154,7 @@ mod tests {
         let importance: Vec<f64> = (0..12).map(|d| 1.0 / (1.0 + d as f64)).collect();
         let (codes, scale) = ellipsoid(&points, &importance);
         for point in &points {
-            let m: Vec<f64> = codes.iter().map(|&c| f64::from(bound_value(c)) * f64::from(scale)).collect();
+            let m: Vec<f64> = codes.iter().map(|&c| f64::from(AXIS.value(c)) * f64::from(scale)).collect();
             assert!(fit(point, &m) <= 1.0);
         }
         assert_eq!(ellipsoid(&[vec![0.0; 4]], &[1.0; 4]), (vec![0; 4], 0.0));
@@ -165,7 +165,7 @@ mod tests {
     fn an_ellipsoid_around_one_point_is_tight() {
         let point: Vec<f64> = (0..12).map(|d| 4f64.powi(-d)).collect();
         let (codes, scale) = ellipsoid(std::slice::from_ref(&point), &[1.0; 12]);
-        let bound: f64 = codes.iter().map(|&code| f64::from(bound_value(code)) * f64::from(scale)).sum();
+        let bound: f64 = codes.iter().map(|&code| f64::from(AXIS.value(code)) * f64::from(scale)).sum();
         let best = point.iter().map(|f| f.sqrt()).sum::<f64>().powi(2);
         assert!(bound >= best && bound < 1.15 * best, "{bound} {best}");
     }

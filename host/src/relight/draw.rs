@@ -2,9 +2,10 @@
 
 use super::blocks::Block;
 use super::levels::Levels;
-use super::tiles::{Dimmest, TileState, brightness_of};
+use super::tiles::TileState;
 use relume_firmware::bound::CodeSlope;
 use relume_firmware::composite::{Compositor, Target};
+use relume_firmware::drawn::{Dimmest, ShownLight};
 use relume_firmware::field::Field;
 use relume_firmware::relight::{Coefficients, LinearTile, TileLight, UnpackedRows};
 use relume_firmware::surface::Surface;
@@ -47,8 +48,8 @@ pub(super) struct Drawing<'a> {
     pub(super) slope: &'a CodeSlope,
     pub(super) view: u64,
     pub(super) rank_limit: Option<usize>,
-    /// Are weights and exposure the same as in the frame before?
-    pub(super) same_weights: bool,
+    /// Number of the light that is drawn.
+    pub(super) moment: u64,
 }
 
 impl Drawing<'_> {
@@ -65,28 +66,29 @@ impl Drawing<'_> {
             let index = row * columns + column;
             let block = &self.blocks[row / BLOCK_TILES * across + column / BLOCK_TILES];
             drew.empty += usize::from(state.empty);
-            if state.unchanged(index, self, block) {
+            let limited = self.limited(block);
+            let coefficients = limited.as_ref().unwrap_or(&block.coefficients);
+            let weights = &self.levels.get(block.level).weights;
+            let shown = ShownLight { coefficients, weights, sun_q16: self.sun_q16() };
+            if state.unchanged(index, self, block.level, &shown) {
                 drew.kept += usize::from(!state.empty);
             } else {
                 let response = self.field.response();
                 if index + 1 < response.tiles() {
                     Coefficients::prefetch_pixels(&response.tile(index + 1), self.compositor.kernel);
                 }
-                let weights = &self.levels.get(block.level).weights;
                 let light = TileLight { sun: self.sun, weights, unpacked: self.unpacked };
                 let target =
                     Target { surface: &mut surface, surface_y0: row * TILE_PX, at: (column * TILE_PX, row * TILE_PX) };
-                let limited = self.limited(block);
-                let coefficients = limited.as_ref().unwrap_or(&block.coefficients);
                 let extent = self.compositor.tile(self.field, index, (coefficients, &light), &mut linear, target);
                 if state.empty || self.levels.bounds_on() {
-                    let mut dimmest = Dimmest::of(extent);
+                    let mut dimmest = Dimmest::of_extent(extent);
                     if self.for_error && !state.empty {
                         // An error budget is worth a second look: a dark pixel of a dark row is not at fault.
                         coefficients.pixels(self.field, index, &light, self.compositor.kernel, &mut linear);
-                        dimmest.brightness = brightness_of(&response.tile(index), &linear);
+                        dimmest = dimmest.with_pixels(&response.tile(index), &linear);
                     }
-                    state.note(index, self, block, dimmest);
+                    state.note(index, self, (block, &shown), dimmest);
                 }
                 drew.drawn += usize::from(!state.empty);
                 drew.way_back += usize::from(block.level > 0 && !state.empty);
