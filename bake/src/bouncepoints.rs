@@ -3,9 +3,10 @@
 use glam::Vec3A;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
-use relume_firmware::bounce::{BOUNCE_POINT, MAX_BOUNCE_POINTS};
+use relume_firmware::bounce::MAX_BOUNCE_POINTS;
+use relume_firmware::bouncepoint::{BOUNCE_POINT, POINT_GRID, PointGrid, rounded_tint};
 
-use crate::geometry::Geometry;
+use crate::geometry::{Geometry, Surface};
 use crate::response::Transport;
 use crate::sobol::two_squares;
 use crate::strata::{Rng, hash};
@@ -17,9 +18,19 @@ pub(crate) struct Vertex {
     pub(crate) position: Vec3A,
     /// Unit shading normal, to the side that was met.
     pub(crate) normal: Vec3A,
+    /// Colour of the surface: its reflectance over the mean of the channels.
+    pub(crate) tint: Vec3A,
+    /// How many paths it stands for.
+    pub(crate) paths: f32,
 }
 
 impl Vertex {
+    pub(crate) fn of(surface: &Surface, paths: f32) -> Self {
+        let mean = surface.albedo.element_sum() / 3.0;
+        let tint = if mean > 0.0 { surface.albedo / mean } else { Vec3A::ONE };
+        Vertex { position: surface.position, normal: surface.normal, tint, paths }
+    }
+
     fn along(&self, axis: u8) -> f32 {
         let axis = usize::from(axis);
         if axis < 3 { self.position[axis] } else { self.normal[axis - 3] }
@@ -27,7 +38,7 @@ impl Vertex {
 }
 
 /// Suns under which the transfer from points to pixels is weighed.
-pub(crate) const SUNS: usize = 128;
+pub(crate) const SUNS: usize = 64;
 
 /// The points and their tree.
 pub struct BouncePoints {
@@ -37,6 +48,8 @@ pub struct BouncePoints {
     points: Vec<Vertex>,
     /// Column 0: mean light of all points; column h: half the difference of node h's children. One row per sun.
     pub(crate) light: DMatrix<f32>,
+    /// `[point]`: its mean light over the suns.
+    pub(crate) leaf_light: Vec<f32>,
     /// `[node]`: mean square of the column.
     pub(crate) power: Vec<f32>,
 }
@@ -48,32 +61,86 @@ const SCOUTS: u32 = 1 << 23;
 const NEAR_PX: f32 = 8.0;
 /// Most pixels that send them.
 const SCOUTING_PIXELS: u32 = 1 << 17;
-/// Covered pixels per point, about.
-const PIXELS_PER_POINT: usize = 2;
+/// Points per covered pixel, at least.
+const POINTS_PER_PIXEL: usize = 2;
 /// Fewest points, where there are candidates enough.
 const FEWEST_POINTS: usize = 1 << 14;
 /// Candidates per point at least.
-const CANDIDATES_PER_POINT: usize = 8;
+const CANDIDATES_PER_POINT: usize = 4;
 
 impl Transport<'_> {
     /// Finds the points for this view. Depends on the seed only.
+    ///
+    /// First few points, evenly; then pixels send scouts by what those points leave of their error.
     pub fn bounce_points(&self) -> BouncePoints {
-        let stride = (self.width * self.height).div_ceil(SCOUTING_PIXELS);
-        let scouts = (SCOUTS / (self.width * self.height / stride)).clamp(4, 256).next_power_of_two();
-        let pixels = 0..self.width * self.height / stride;
-        let found: Vec<Option<Vec<Vertex>>> = pixels
-            .into_par_iter()
-            .map(|k| {
-                let at = k * stride + hash(k) % stride;
-                self.scout(at % self.width, at / self.width, scouts)
-            })
+        let pixels = self.width * self.height;
+        let stride = pixels.div_ceil(SCOUTING_PIXELS);
+        let places: Vec<(u32, u32)> = (0..pixels / stride)
+            .map(|k| k * stride + hash(k) % stride)
+            .map(|at| (at % self.width, at / self.width))
             .collect();
+        let usual = (SCOUTS / places.len().max(1) as u32).clamp(4, 64).next_power_of_two();
+        let found: Vec<Option<Vec<Vertex>>> = places.par_iter().map(|&(x, y)| self.scout(x, y, usual)).collect();
         let covered = found.iter().flatten().count() * stride as usize;
-        let candidates: Vec<Vertex> = found.into_iter().flatten().flatten().collect();
-        let most = (candidates.len() / CANDIDATES_PER_POINT).min(MAX_BOUNCE_POINTS);
-        let wanted = (covered / PIXELS_PER_POINT).next_power_of_two().clamp(FEWEST_POINTS, MAX_BOUNCE_POINTS);
-        let count = wanted.min((most + 1).next_power_of_two() / 2);
+        let wanted = (covered * POINTS_PER_PIXEL).next_power_of_two().clamp(FEWEST_POINTS, MAX_BOUNCE_POINTS);
+        let mut candidates: Vec<Vertex> = found.iter().flatten().flatten().copied().collect();
+        let first = BouncePoints::new(candidates.clone(), count_of(&candidates, wanted / 4), &self.tracer.geometry);
+        let need = |(&(x, y), found): (&(u32, u32), &Option<Vec<Vertex>>)| match found {
+            Some(_) => self.left_error(&first, x, y),
+            None => 0.0,
+        };
+        let needs: Vec<f32> = places.par_iter().zip(&found).map(need).collect();
+        let mean = needs.iter().sum::<f32>() / found.iter().flatten().count().max(1) as f32;
+        if mean > 0.0 {
+            let sent = |need: &f32| (usual as f32 * MORE * (need / mean).min(MOST_MORE)) as u32;
+            let share = |need: &f32| usual as f32 / (usual + sent(need)) as f32;
+            let more = |(&(x, y), need): (&(u32, u32), &f32)| {
+                let mut own = self.scout(x, y, sent(need)).unwrap_or_default();
+                own.iter_mut().for_each(|v| v.paths *= share(need));
+                own
+            };
+            let more: Vec<Vec<Vertex>> = places.par_iter().zip(&needs).map(more).collect();
+            let mut of_pixels = found.into_iter().zip(&needs).filter_map(|(own, need)| Some((own?, share(need))));
+            candidates.clear();
+            for (own, share) in &mut of_pixels {
+                candidates.extend(own.into_iter().map(|v| Vertex { paths: v.paths * share, ..v }));
+            }
+            candidates.extend(more.into_iter().flatten());
+        }
+        let count = count_of(&candidates, wanted);
         BouncePoints::new(candidates, count, &self.tracer.geometry)
+    }
+
+    /// What `points` leave of a pixel's light to chance: rms over suns, relative to its surroundings' brightness.
+    pub(crate) fn left_error(&self, points: &BouncePoints, x: u32, y: u32) -> f32 {
+        if points.len() < 2 {
+            return 0.0;
+        }
+        let (seen, _) = self.seen(x, y);
+        let mut rng = Rng::new(self.options.seed, x, y, 4);
+        let seed = rng.next_u32();
+        let paths = NEED_PATHS * seen.len() as u32;
+        let mut leaves: Vec<(u32, f32)> = Vec::new();
+        for (s, surface) in seen.iter().enumerate() {
+            let Some(surface) = surface else { continue };
+            for path in 0..NEED_PATHS {
+                let at = two_squares(s as u32 * NEED_PATHS + path, seed);
+                self.tracer.walk(surface, at, &mut rng, |surface, throughput, _, _| {
+                    leaves.push((
+                        points.nearest(&Vertex::of(surface, 1.0)),
+                        (throughput * surface.albedo).element_sum() / 3.0,
+                    ));
+                });
+            }
+        }
+        leaves.sort_by_key(|(leaf, _)| *leaf);
+        let mut squared = 0.0;
+        for own in leaves.chunk_by(|a, b| a.0 == b.0) {
+            // Pairs of different paths only: a single path's square says nothing but that it is one.
+            let (sum, squares) = own.iter().fold((0.0, 0.0), |(s, q), (_, w)| (s + w, q + w * w));
+            squared += (sum * sum - squares) * points.power[(points.len() + own[0].0 as usize) / 2];
+        }
+        squared.max(0.0).sqrt() / paths as f32
     }
 
     /// Surfaces that paths from a pixel meet, each with a chance of the reflectances that its light passes on its way to
@@ -96,13 +163,25 @@ impl Transport<'_> {
                 before = surface.position;
                 let near = (footprint / distance).min(1.0).sqrt();
                 if rng.unit() < relayed * near {
-                    found.push(Vertex { position: surface.position, normal: surface.normal });
+                    found.push(Vertex::of(surface, 1.0 / near));
                 }
             });
         }
         Some(found)
     }
 }
+
+/// Number of points for these candidates: a power of two.
+fn count_of(candidates: &[Vertex], wanted: usize) -> usize {
+    let most = (candidates.len() / CANDIDATES_PER_POINT).min(MAX_BOUNCE_POINTS);
+    wanted.min((most + 1).next_power_of_two() / 2)
+}
+
+/// Paths from each point of a pixel that tell what is left of its error.
+const NEED_PATHS: u32 = 4;
+/// Most scouts of a pixel, as a multiple of the mean.
+const MOST_MORE: f32 = 64.0;
+const MORE: f32 = 2.0;
 
 impl BouncePoints {
     fn new(mut candidates: Vec<Vertex>, count: usize, geometry: &Geometry<'_>) -> Self {
@@ -113,9 +192,10 @@ impl BouncePoints {
                 splits[node] = split;
             }
         }
-        let light = light_under_suns(&points, geometry);
+        points.iter_mut().for_each(|point| point.tint = Vec3A::from(rounded_tint(point.tint.to_array())));
+        let (light, leaf_light) = light_under_suns(&points, geometry);
         let power = light.column_iter().map(|column| column.norm_squared() / SUNS as f32).collect();
-        BouncePoints { splits, points, light, power }
+        BouncePoints { splits, points, light, leaf_light, power }
     }
 
     /// Number of points.
@@ -139,14 +219,21 @@ impl BouncePoints {
         (node - self.splits.len()) as u32
     }
 
+    /// What a point's light is multiplied by, as the field will have it.
+    #[inline]
+    pub(crate) fn tint(&self, point: u32) -> Vec3A {
+        self.points[point as usize].tint
+    }
+
     /// The layer BPNT.
     pub fn layer(&self) -> Vec<u8> {
-        let mut layer = Vec::with_capacity(self.points.len() * BOUNCE_POINT);
-        for point in &self.points {
-            point.position.to_array().iter().for_each(|c| layer.extend_from_slice(&c.to_le_bytes()));
-            layer.extend(point.normal.to_array().map(|c| (c * 127.0).round() as i8 as u8));
-            layer.push(0);
-        }
+        let corner = |pick: fn(Vec3A, Vec3A) -> Vec3A| self.points.iter().map(|point| point.position).reduce(pick);
+        let [low, high] = [corner(Vec3A::min), corner(Vec3A::max)].map(|c| c.unwrap_or_default().to_array());
+        let grid = PointGrid::over(low, high);
+        let mut layer = Vec::with_capacity(POINT_GRID + self.points.len() * BOUNCE_POINT);
+        layer.extend(grid.encode());
+        let bytes = |p: &Vertex| grid.point(p.position.to_array(), p.normal.to_array(), p.tint.to_array());
+        layer.extend(self.points.iter().flat_map(bytes));
         layer
     }
 }
@@ -221,10 +308,10 @@ fn axes(own: &[Vertex]) -> [u8; 6] {
 const NORMAL_SPREAD: f32 = 4.0;
 
 fn middle_one(own: &[Vertex]) -> Vertex {
-    let count = own.len() as f32;
-    let middle = own.iter().map(|v| v.position).sum::<Vec3A>() / count;
-    let normal = own.iter().map(|v| v.normal).sum::<Vec3A>() / count;
-    let size2 = own.iter().map(|v| v.position.distance_squared(middle)).sum::<f32>() / count;
+    let count = own.iter().map(|v| v.paths).sum::<f32>();
+    let middle = own.iter().map(|v| v.position * v.paths).sum::<Vec3A>() / count;
+    let normal = own.iter().map(|v| v.normal * v.paths).sum::<Vec3A>() / count;
+    let size2 = own.iter().map(|v| v.paths * v.position.distance_squared(middle)).sum::<f32>() / count;
     let off = |v: &Vertex| v.position.distance_squared(middle) + size2 * v.normal.distance_squared(normal);
     own.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(own[0])
 }
@@ -239,7 +326,7 @@ fn suns() -> Vec<Vec3A> {
     (0..SUNS).map(sun).collect()
 }
 
-fn light_under_suns(points: &[Vertex], geometry: &Geometry<'_>) -> DMatrix<f32> {
+fn light_under_suns(points: &[Vertex], geometry: &Geometry<'_>) -> (DMatrix<f32>, Vec<f32>) {
     let suns = suns();
     let under = |point: &Vertex| {
         let light = |sun: &Vec3A| {
@@ -249,6 +336,7 @@ fn light_under_suns(points: &[Vertex], geometry: &Geometry<'_>) -> DMatrix<f32> 
         suns.iter().map(light).collect::<Vec<f32>>()
     };
     let leaves: Vec<f32> = points.par_iter().flat_map_iter(under).collect();
+    let leaf_light = leaves.chunks_exact(SUNS).map(|own| own.iter().sum::<f32>() / SUNS as f32).collect();
     let mut means = DMatrix::from_vec(SUNS, points.len(), leaves);
     let mut light = DMatrix::zeros(SUNS, points.len());
     // Level by level from the leaves: halved differences stay, means go on.
@@ -264,5 +352,5 @@ fn light_under_suns(points: &[Vertex], geometry: &Geometry<'_>) -> DMatrix<f32> 
     if !points.is_empty() {
         light.set_column(0, &means.column(0));
     }
-    light
+    (light, leaf_light)
 }

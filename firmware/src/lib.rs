@@ -4,6 +4,7 @@
 #![cfg_attr(not(any(test, feature = "std")), no_std)]
 
 pub mod bounce;
+pub mod bouncepoint;
 pub mod bound;
 pub mod casters;
 pub mod coefficients;

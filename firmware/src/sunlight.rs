@@ -8,6 +8,7 @@
 //!    6 u16[3] albedo times share of the pixel, in 1/32768
 //! ```
 
+use crate::bounce::Rgb;
 use crate::casters::Casters;
 use crate::direct::{SunDisc, ViewRays, direct_pixel};
 use crate::field::{Field, FieldError};
@@ -81,14 +82,14 @@ impl SunLight {
         SunLight { disc: SunDisc::new(dir_world), rays: ViewRays::new(field.camera(), field.width(), field.height()) }
     }
 
-    /// Writes the cosine times the visibility of the sun for bounce points `first..first + out.len()`.
-    pub fn points(&self, field: &Field<'_>, first: usize, out: &mut [f32]) {
+    /// Writes the cosine times the visibility of the sun times the tint for bounce points `first..first + out.len()`.
+    pub fn points(&self, field: &Field<'_>, first: usize, out: &mut [Rgb]) {
         field.bounce().light(&field.sun_surfaces().casters, &self.disc, first, out);
     }
 
     /// Writes one tile's slot (`[3][padded pixels]`, u16 in 1/32768) of the sun's response plane. `means` is what
     /// [`crate::bounce::mean_up`] made of the light on the bounce points.
-    pub fn tile(&self, field: &Field<'_>, tile: usize, means: &[f32], slot: &mut [u16]) {
+    pub fn tile(&self, field: &Field<'_>, tile: usize, means: &[Rgb], slot: &mut [u16]) {
         let response = field.response();
         let (columns, _) = response.grid();
         let (x0, y0) = (tile % columns * TILE_PX, tile / columns * TILE_PX);

@@ -35,7 +35,7 @@ fn live(scene: &Scene, camera: &Camera, transport: TransportOptions, sun: Vec3) 
     let field = Field::new(&baked.bytes).unwrap_or_else(|error| panic!("{error}"));
     let light = SunLight::new(&field, sun.to_array());
     let points = field.bounce().points();
-    let mut means = vec![0.0; 2 * points];
+    let mut means = vec![[0.0; 3]; 2 * points];
     light.points(&field, 0, &mut means[points..]);
     mean_up(&mut means);
     let mut slot = vec![0u16; 3 * 256];

@@ -6,6 +6,7 @@ use crate::object::Relighting;
 use crate::tile_state::TileState;
 use crate::types::{RELUME_MEMORY_ALIGN, RelumeError};
 use core::ops::Range;
+use relume_firmware::bounce::Rgb;
 use relume_firmware::field::Field;
 use relume_firmware::tile::BLOCK_TILES;
 use relume_firmware::weights::{FixedWeights, SunWeight};
@@ -44,7 +45,7 @@ impl Layout {
         let aligned = |bytes: usize| bytes.checked_next_multiple_of(RELUME_MEMORY_ALIGN);
         let weights_at = aligned(size_of::<Relume>())?;
         let means_at = aligned(weights_at + size_of::<FixedWeights>())?;
-        let states_at = aligned(means_len(field).checked_mul(size_of::<f32>())?.checked_add(means_at)?)?;
+        let states_at = aligned(means_len(field).checked_mul(size_of::<Rgb>())?.checked_add(means_at)?)?;
         let blocks_at = aligned(response.tiles().checked_mul(size_of::<TileState>())?.checked_add(states_at)?)?;
         let plane_at = aligned(response.blocks().checked_mul(size_of::<BlockState>())?.checked_add(blocks_at)?)?;
         let length = aligned(response.plane_len().checked_mul(2)?.checked_add(plane_at)?)?;
@@ -82,7 +83,7 @@ pub unsafe fn open(memory: *mut u8, layout: Layout, field: Field<'static>) -> *m
     // SAFETY: the parts lie in the memory one after the other, each aligned, by `Layout::new`.
     unsafe {
         let weights = place(memory.add(layout.weights_at).cast(), || FixedWeights::dark(field.patch_set().len()));
-        let means: *mut f32 = memory.add(layout.means_at).cast();
+        let means: *mut Rgb = memory.add(layout.means_at).cast();
         means.write_bytes(0, means_len(&field));
         let means = core::slice::from_raw_parts_mut(means, means_len(&field));
         let states: *mut TileState = memory.add(layout.states_at).cast();

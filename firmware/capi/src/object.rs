@@ -5,7 +5,7 @@ use crate::damage::Damage;
 use crate::frame::Frame;
 use crate::tile_state::{FrameLight, TileState};
 use crate::types::{RelumeError, RelumeRect};
-use relume_firmware::bounce::mean_up;
+use relume_firmware::bounce::{Rgb, mean_up};
 use relume_firmware::bound::{BoundLight, CodeSlope};
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
@@ -30,7 +30,7 @@ pub struct Relighting {
     /// What traces it.
     sun_light: Option<SunLight>,
     /// Its light on the bounce points, in the upper half, and the means up their tree.
-    means: &'static mut [f32],
+    means: &'static mut [Rgb],
     /// Counts its changes, from 1.
     sun_number: u64,
     sun_is_up: bool,
@@ -68,7 +68,7 @@ impl Relighting {
     /// In the dark, on this machine's fastest kernel. The large parts, both of this field and without light, lie elsewhere:
     /// weights would fill a small stack on their way, and how many `means` there are is the field's affair (two for each
     /// bounce point).
-    pub fn new(field: Field<'static>, weights: &'static mut FixedWeights, means: &'static mut [f32]) -> Self {
+    pub fn new(field: Field<'static>, weights: &'static mut FixedWeights, means: &'static mut [Rgb]) -> Self {
         Relighting {
             field,
             kernel: Kernel::detect(),

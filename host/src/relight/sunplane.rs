@@ -2,7 +2,7 @@
 
 use crate::sun::angle_deg;
 use rayon::prelude::*;
-use relume_firmware::bounce::mean_up;
+use relume_firmware::bounce::{Rgb, mean_up};
 use relume_firmware::field::Field;
 use relume_firmware::sunlight::SunLight;
 
@@ -24,7 +24,7 @@ pub(super) struct SunPlane {
     fresh: Vec<u16>,
     changes: Vec<Change>,
     /// Light on the bounce points, in the upper half, and its means up their tree.
-    means: Vec<f32>,
+    means: Vec<Rgb>,
     dir_world: Option<[f32; 3]>,
     step_deg: f64,
 }
@@ -36,7 +36,7 @@ impl SunPlane {
             values: vec![0; response.plane_len()],
             fresh: vec![0; response.plane_len()],
             changes: vec![Change::default(); response.tiles()],
-            means: vec![0.0; 2 * field.bounce().points()],
+            means: vec![[0.0; 3]; 2 * field.bounce().points()],
             dir_world: None,
             step_deg: 0.0,
         }
