@@ -1,15 +1,13 @@
 //! Bounce points: where light paths from the pixels come by, as a tree of neighbours (layout: firmware/src/bounce.rs).
 
+mod scout;
+
 use glam::Vec3A;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
-use relume_firmware::bounce::MAX_BOUNCE_POINTS;
 use relume_firmware::bouncepoint::{BOUNCE_POINT, POINT_GRID, PointGrid, rounded_tint};
 
 use crate::geometry::{Geometry, Surface};
-use crate::response::Transport;
-use crate::sobol::two_squares;
-use crate::strata::{Rng, hash};
 
 /// A point of a surface that paths met.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,135 +51,6 @@ pub struct BouncePoints {
     /// `[node]`: mean square of the column.
     pub(crate) power: Vec<f32>,
 }
-
-/// Paths that look for points, in all, were every pixel to see something; about one surface of each becomes a candidate.
-const SCOUTS: u32 = 1 << 23;
-/// A surface nearer than this to the one that it lights, in pixels there, is a candidate in any case; further ones become
-/// one the less often, by the square root of their distance: shadows on near surfaces show in single pixels, those on far ones only in the mean.
-const NEAR_PX: f32 = 8.0;
-/// Most pixels that send them.
-const SCOUTING_PIXELS: u32 = 1 << 17;
-/// Points per covered pixel, at least.
-const POINTS_PER_PIXEL: usize = 2;
-/// Fewest points, where there are candidates enough.
-const FEWEST_POINTS: usize = 1 << 14;
-/// Candidates per point at least.
-const CANDIDATES_PER_POINT: usize = 4;
-
-impl Transport<'_> {
-    /// Finds the points for this view. Depends on the seed only.
-    ///
-    /// First few points, evenly; then pixels send scouts by what those points leave of their error.
-    pub fn bounce_points(&self) -> BouncePoints {
-        let pixels = self.width * self.height;
-        let stride = pixels.div_ceil(SCOUTING_PIXELS);
-        let places: Vec<(u32, u32)> = (0..pixels / stride)
-            .map(|k| k * stride + hash(k) % stride)
-            .map(|at| (at % self.width, at / self.width))
-            .collect();
-        let usual = (SCOUTS / places.len().max(1) as u32).clamp(4, 64).next_power_of_two();
-        let found: Vec<Option<Vec<Vertex>>> = places.par_iter().map(|&(x, y)| self.scout(x, y, usual)).collect();
-        let covered = found.iter().flatten().count() * stride as usize;
-        let wanted = (covered * POINTS_PER_PIXEL).next_power_of_two().clamp(FEWEST_POINTS, MAX_BOUNCE_POINTS);
-        let mut candidates: Vec<Vertex> = found.iter().flatten().flatten().copied().collect();
-        let first = BouncePoints::new(candidates.clone(), count_of(&candidates, wanted / 4), &self.tracer.geometry);
-        let need = |(&(x, y), found): (&(u32, u32), &Option<Vec<Vertex>>)| match found {
-            Some(_) => self.left_error(&first, x, y),
-            None => 0.0,
-        };
-        let needs: Vec<f32> = places.par_iter().zip(&found).map(need).collect();
-        let mean = needs.iter().sum::<f32>() / found.iter().flatten().count().max(1) as f32;
-        if mean > 0.0 {
-            let sent = |need: &f32| (usual as f32 * MORE * (need / mean).min(MOST_MORE)) as u32;
-            let share = |need: &f32| usual as f32 / (usual + sent(need)) as f32;
-            let more = |(&(x, y), need): (&(u32, u32), &f32)| {
-                let mut own = self.scout(x, y, sent(need)).unwrap_or_default();
-                own.iter_mut().for_each(|v| v.paths *= share(need));
-                own
-            };
-            let more: Vec<Vec<Vertex>> = places.par_iter().zip(&needs).map(more).collect();
-            let mut of_pixels = found.into_iter().zip(&needs).filter_map(|(own, need)| Some((own?, share(need))));
-            candidates.clear();
-            for (own, share) in &mut of_pixels {
-                candidates.extend(own.into_iter().map(|v| Vertex { paths: v.paths * share, ..v }));
-            }
-            candidates.extend(more.into_iter().flatten());
-        }
-        let count = count_of(&candidates, wanted);
-        BouncePoints::new(candidates, count, &self.tracer.geometry)
-    }
-
-    /// What `points` leave of a pixel's light to chance: rms over suns, relative to its surroundings' brightness.
-    pub(crate) fn left_error(&self, points: &BouncePoints, x: u32, y: u32) -> f32 {
-        if points.len() < 2 {
-            return 0.0;
-        }
-        let (seen, _) = self.seen(x, y);
-        let mut rng = Rng::new(self.options.seed, x, y, 4);
-        let seed = rng.next_u32();
-        let paths = NEED_PATHS * seen.len() as u32;
-        let mut leaves: Vec<(u32, f32)> = Vec::new();
-        for (s, surface) in seen.iter().enumerate() {
-            let Some(surface) = surface else { continue };
-            for path in 0..NEED_PATHS {
-                let at = two_squares(s as u32 * NEED_PATHS + path, seed);
-                self.tracer.walk(surface, at, &mut rng, |surface, throughput, _, _| {
-                    leaves.push((
-                        points.nearest(&Vertex::of(surface, 1.0)),
-                        (throughput * surface.albedo).element_sum() / 3.0,
-                    ));
-                });
-            }
-        }
-        leaves.sort_by_key(|(leaf, _)| *leaf);
-        let mut squared = 0.0;
-        for own in leaves.chunk_by(|a, b| a.0 == b.0) {
-            // Pairs of different paths only: a single path's square says nothing but that it is one.
-            let (sum, squares) = own.iter().fold((0.0, 0.0), |(s, q), (_, w)| (s + w, q + w * w));
-            squared += (sum * sum - squares) * points.power[(points.len() + own[0].0 as usize) / 2];
-        }
-        squared.max(0.0).sqrt() / paths as f32
-    }
-
-    /// Surfaces that paths from a pixel meet, each with a chance of the reflectances that its light passes on its way to
-    /// the seen surface; `None` for a pixel that sees nothing.
-    fn scout(&self, x: u32, y: u32, scouts: u32) -> Option<Vec<Vertex>> {
-        let (seen, _) = self.seen(x, y);
-        let seen: Vec<_> = seen.iter().flatten().collect();
-        let mut rng = Rng::new(self.options.seed, x, y, 2);
-        let seed = rng.next_u32();
-        let mut found = Vec::new();
-        for path in 0..scouts {
-            let surface = seen.get(rng.next_u32() as usize % seen.len().max(1))?;
-            let own = surface.albedo.max(Vec3A::splat(1e-6));
-            let from_eye = surface.position.distance(self.view.position.as_vec3a());
-            let footprint = NEAR_PX * self.view.pixel_angle() * from_eye;
-            let mut before = surface.position;
-            self.tracer.walk(surface, two_squares(path, seed), &mut rng, |surface, throughput, _, rng| {
-                let relayed = (throughput / own * surface.albedo).element_sum() / 3.0;
-                let distance = surface.position.distance(before);
-                before = surface.position;
-                let near = (footprint / distance).min(1.0).sqrt();
-                if rng.unit() < relayed * near {
-                    found.push(Vertex::of(surface, 1.0 / near));
-                }
-            });
-        }
-        Some(found)
-    }
-}
-
-/// Number of points for these candidates: a power of two.
-fn count_of(candidates: &[Vertex], wanted: usize) -> usize {
-    let most = (candidates.len() / CANDIDATES_PER_POINT).min(MAX_BOUNCE_POINTS);
-    wanted.min((most + 1).next_power_of_two() / 2)
-}
-
-/// Paths from each point of a pixel that tell what is left of its error.
-const NEED_PATHS: u32 = 4;
-/// Most scouts of a pixel, as a multiple of the mean.
-const MOST_MORE: f32 = 64.0;
-const MORE: f32 = 2.0;
 
 impl BouncePoints {
     fn new(mut candidates: Vec<Vertex>, count: usize, geometry: &Geometry<'_>) -> Self {

@@ -50,8 +50,8 @@ impl Default for TransportOptions {
             direct_classes: 2,
             paths: 8,
             patch_group: 8,
-            bounce_paths: 64,
-            sun_paths: 16,
+            bounce_paths: 128,
+            sun_paths: 32,
         }
     }
 }

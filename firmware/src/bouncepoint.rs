@@ -60,8 +60,8 @@ impl PointGrid {
     /// The bytes of a point: place in world m, unit normal, and tint (the reflectance over its mean over the channels).
     pub fn point(&self, place: [f32; 3], normal: [f32; 3], tint: [f32; 3]) -> [u8; BOUNCE_POINT] {
         let mut bits = Bits { value: 0, at: 0 };
-        for axis in 0..3 {
-            let steps = if self.step > 0.0 { (place[axis] - self.origin[axis]) / self.step } else { 0.0 };
+        for (place, origin) in place.iter().zip(self.origin) {
+            let steps = if self.step > 0.0 { (place - origin) / self.step } else { 0.0 };
             bits.put((libm::rintf(steps).max(0.0) as u32).min(PLACE_TOP), PLACE_BITS);
         }
         octahedral(normal).into_iter().for_each(|code| bits.put(code, NORMAL_BITS));
