@@ -11,6 +11,7 @@ pub mod coefficients;
 pub mod composite;
 pub mod direct;
 pub mod drawn;
+pub mod edge;
 pub mod field;
 #[cfg(feature = "std")]
 pub mod glue;

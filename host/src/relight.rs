@@ -62,6 +62,10 @@ pub struct Relighter<'f> {
     settled: bool,
     /// When the newest weights came.
     started: Instant,
+    /// The view that was drawn last.
+    view: Option<u64>,
+    /// Has the view ever changed? Then light is kept where it shows through.
+    live: bool,
     /// The counters of the last frame, its view and its moment.
     shown: Option<(FrameCounters, u64, u64)>,
     counters: FrameCounters,
@@ -105,6 +109,8 @@ impl<'f> Relighter<'f> {
             new_weights: false,
             settled: false,
             started: Instant::now(),
+            view: None,
+            live: false,
             shown: None,
             counters,
         }
@@ -252,7 +258,7 @@ impl<'f> Relighter<'f> {
     }
 
     /// Draws the newest weights over `view`: only tiles that may change by half a code or more since they were last
-    /// drawn, or where a new view shows through. View and framebuffer must have the field's size.
+    /// drawn. Where a new view shows through tiles that may stay, only that is composited. View and framebuffer must have the field's size.
     pub fn draw(&mut self, view: &View, framebuffer: &mut Framebuffer) -> FrameCounters {
         let started = if self.new_weights { self.started } else { Instant::now() };
         let (width, height) = (self.field.width(), self.field.height());
@@ -264,6 +270,7 @@ impl<'f> Relighter<'f> {
         if let Some(still) = self.still(view) {
             return still;
         }
+        self.look_at(view);
         let mut drew = self.draw_tiles(view, framebuffer);
         let bounded = self.levels.bounds(&self.field).is_some();
         if let Budget::ErrorCodes(codes) = self.budget
@@ -271,13 +278,15 @@ impl<'f> Relighter<'f> {
         {
             while self.raise_levels(codes) {
                 let again = self.draw_tiles(view, framebuffer);
-                drew = Drew { drawn: drew.drawn + again.drawn, ..again };
-                drew.kept = self.counters.tiles.saturating_sub(drew.empty + drew.drawn);
+                let (drawn, composited) = (drew.drawn + again.drawn, drew.composited + again.composited);
+                drew = Drew { drawn, composited, ..again };
+                drew.kept = self.counters.tiles.saturating_sub(drew.empty + drew.drawn + drew.composited);
             }
         }
-        let everything = drew.kept == 0;
+        let everything = drew.kept + drew.composited == 0;
         let mut counters = FrameCounters {
             tiles_drawn: drew.drawn,
+            tiles_composited: drew.composited,
             tiles_kept: drew.kept,
             tiles_empty: drew.empty,
             tiles_way_back: drew.way_back,
@@ -299,12 +308,24 @@ impl<'f> Relighter<'f> {
         counters
     }
 
+    /// Takes notice of the view: once it changes it is live, and the edge pixels' light is kept from then on, so that a new
+    /// view is composited without relighting.
+    fn look_at(&mut self, view: &View) {
+        let changed = self.view.replace(view.identity).is_some_and(|old| old != view.identity);
+        if changed && !self.live {
+            self.live = true;
+            let states = self.states.iter_mut().enumerate();
+            states.for_each(|(index, state)| state.keep_edges(&self.field, index));
+        }
+    }
+
     /// The counters of a frame in which nothing has changed since the one before, if this is one.
     fn still(&self, view: &View) -> Option<FrameCounters> {
         let (last, shown_view, moment) = self.shown?;
         let same = self.settled && shown_view == view.identity && moment == self.moment;
         let kept = FrameCounters {
             tiles_drawn: 0,
+            tiles_composited: 0,
             tiles_kept: last.tiles - last.tiles_empty,
             bound_linear: last.bound_linear,
             bound_codes: last.bound_codes,

@@ -99,6 +99,9 @@ fn further_sections_hold(report: &Value) {
     assert_eq!(skipping.len(), 2);
     for sky in skipping {
         assert_eq!(sky["still_sky"]["counters"]["tiles_kept"].as_f64(), sky["tiles"].as_f64(), "{sky}");
+        let live = &sky["live_view"]["counters"];
+        assert_eq!(live["tiles_drawn"].as_f64(), Some(0.0), "{sky}");
+        assert!(live["tiles_composited"].as_f64().unwrap() > 0.0, "{sky}");
         let ramp = &sky["clear_to_overcast"];
         assert_eq!(ramp["frames"], 300);
         // Tiles change a little between frames, so that an oracle need not draw all of them each time.

@@ -16,6 +16,7 @@ use relume_firmware::tile::{BLOCK_TILES, TILE_PX};
 pub(super) struct Drew {
     pub(super) drawn: usize,
     pub(super) kept: usize,
+    pub(super) composited: usize,
     pub(super) empty: usize,
     pub(super) way_back: usize,
     pub(super) bound_linear: f32,
@@ -27,6 +28,7 @@ impl Drew {
         Drew {
             drawn: self.drawn + other.drawn,
             kept: self.kept + other.kept,
+            composited: self.composited + other.composited,
             empty: self.empty + other.empty,
             way_back: self.way_back + other.way_back,
             bound_linear: self.bound_linear.max(other.bound_linear),
@@ -70,28 +72,21 @@ impl Drawing<'_> {
             let coefficients = limited.as_ref().unwrap_or(&block.coefficients);
             let weights = &self.levels.get(block.level).weights;
             let shown = ShownLight { coefficients, weights, sun_q16: self.sun_q16() };
-            if state.unchanged(index, self, block.level, &shown) {
+            let stays = state.unchanged(index, self, block.level, &shown);
+            if stays && !state.shows_other_view(self.view) {
                 drew.kept += usize::from(!state.empty);
             } else {
-                let response = self.field.response();
-                if index + 1 < response.tiles() {
-                    Coefficients::prefetch_pixels(&response.tile(index + 1), self.compositor.kernel);
-                }
-                let light = TileLight { sun: self.sun, weights, unpacked: self.unpacked };
                 let target =
                     Target { surface: &mut surface, surface_y0: row * TILE_PX, at: (column * TILE_PX, row * TILE_PX) };
-                let extent = self.compositor.tile(self.field, index, (coefficients, &light), &mut linear, target);
-                if state.empty || self.levels.bounds_on() {
-                    let mut dimmest = Dimmest::of_extent(extent);
-                    if self.for_error && !state.empty {
-                        // An error budget is worth a second look: a dark pixel of a dark row is not at fault.
-                        coefficients.pixels(self.field, index, &light, self.compositor.kernel, &mut linear);
-                        dimmest = dimmest.with_pixels(&response.tile(index), &linear);
-                    }
-                    state.note(index, self, (block, &shown), dimmest);
+                let edges = if stays { state.change_view(self.view) } else { None };
+                if let Some(edges) = edges {
+                    self.compositor.view_alone((self.field, index), edges, &mut linear, target);
+                    drew.composited += usize::from(!state.empty);
+                } else {
+                    self.draw(index, (state, block), &shown, &mut linear, target);
+                    drew.drawn += usize::from(!state.empty);
+                    drew.way_back += usize::from(block.level > 0 && !state.empty);
                 }
-                drew.drawn += usize::from(!state.empty);
-                drew.way_back += usize::from(block.level > 0 && !state.empty);
             }
             if !state.empty {
                 drew.bound_linear = drew.bound_linear.max(state.shown_bound.0);
@@ -99,6 +94,33 @@ impl Drawing<'_> {
             }
         }
         drew
+    }
+
+    /// Draws tile number `index`.
+    fn draw(
+        &self,
+        index: usize,
+        (state, block): (&mut TileState, &Block),
+        shown: &ShownLight<'_>,
+        linear: &mut LinearTile,
+        target: Target<'_, '_>,
+    ) {
+        let (response, kernel) = (self.field.response(), self.compositor.kernel);
+        if index + 1 < response.tiles() {
+            Coefficients::prefetch_pixels(&response.tile(index + 1), kernel);
+        }
+        let light = TileLight { sun: self.sun, weights: shown.weights, unpacked: self.unpacked };
+        let with = (shown.coefficients, &light);
+        let extent = self.compositor.tile((self.field, index), with, linear, state.edges_mut(), target);
+        if state.empty || self.levels.bounds_on() {
+            let mut dimmest = Dimmest::of_extent(extent);
+            if self.for_error && !state.empty {
+                // An error budget is worth a second look: a dark pixel of a dark row is not at fault.
+                shown.coefficients.pixels(self.field, index, &light, kernel, linear);
+                dimmest = dimmest.with_pixels(&response.tile(index), linear);
+            }
+            state.note(index, self, (block, shown), dimmest);
+        }
     }
 
     pub(super) fn sun_q16(&self) -> [u32; 3] {

@@ -5,6 +5,7 @@ use super::draw::Drawing;
 use relume_firmware::bound::CodeSlope;
 use relume_firmware::coefficients::TileReach;
 use relume_firmware::drawn::{Dimmest, DrawnTile, HALF_CODE, Off, ShownLight, SunDrift, dark_shares};
+use relume_firmware::edge::Edges;
 use relume_firmware::field::Field;
 use relume_firmware::tile::TILE_PIXELS;
 
@@ -21,6 +22,10 @@ pub(super) struct TileState {
     pub(super) sun: SunDrift,
     /// Does the view show through anywhere?
     shows_view: bool,
+    /// Light of the edge pixels ([`Edges`]), while the view is live.
+    edges: Vec<f32>,
+    /// Is it the light that is shown?
+    edges_kept: bool,
     pub(super) empty: bool,
     /// See [`TileReach`].
     reach: Vec<f32>,
@@ -42,6 +47,8 @@ impl TileState {
             view: 0,
             sun: SunDrift::default(),
             shows_view: tile.pixels() < TILE_PIXELS || field.coverage(index).is_some(),
+            edges: Vec::new(),
+            edges_kept: Edges::light_len(field.coverage(index)) == 0,
             empty: tile.pixels() == 0,
             reach,
             dark_shares: dark_shares(&tile),
@@ -49,7 +56,32 @@ impl TileState {
         }
     }
 
-    /// May tile number `index` stay as it is in `light`? Also brings `shown_bound` up to date if so.
+    /// Makes room for the light of the edge pixels: the view is live.
+    pub(super) fn keep_edges(&mut self, field: &Field<'_>, index: usize) {
+        self.edges.resize(Edges::light_len(field.coverage(index)), 0.0);
+    }
+
+    /// Where the light of the edge pixels goes when the tile is drawn.
+    pub(super) fn edges_mut(&mut self) -> &mut [f32] {
+        self.edges_kept |= !self.edges.is_empty();
+        &mut self.edges
+    }
+
+    /// Does another view show through the tile than this one?
+    pub(super) fn shows_other_view(&self, view: u64) -> bool {
+        self.shows_view && self.view != view
+    }
+
+    /// The light of the edge pixels of a tile that may stay, if another view can be put behind it; it shows that from now on.
+    pub(super) fn change_view(&mut self, view: u64) -> Option<&[f32]> {
+        if !self.edges_kept {
+            return None;
+        }
+        self.view = view;
+        Some(&self.edges)
+    }
+
+    /// May the light of tile number `index` stay as it is in `light`? Also brings `shown_bound` up to date if so.
     pub(super) fn unchanged(
         &mut self,
         index: usize,
@@ -57,7 +89,7 @@ impl TileState {
         level: usize,
         light: &ShownLight<'_>,
     ) -> bool {
-        if !self.is_drawn || (self.shows_view && self.view != drawing.view) || self.level != level {
+        if !self.is_drawn || self.level != level {
             return false;
         }
         if self.empty || self.moment == drawing.moment {

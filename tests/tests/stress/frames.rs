@@ -7,7 +7,7 @@ use relume_firmware::tile::TILE_PX;
 use relume_firmware::tone::srgb_code;
 use relume_firmware::weights::WeightError;
 use relume_tests::stressbound::{Examiner, TileFound};
-use relume_tests::stressfield::{Matter, StressField};
+use relume_tests::stressfield::{Matter, StressField, scatter};
 use relume_tests::stresslight::{self as light, PatchLight};
 
 const PLAIN: [Matter; 5] = [Matter::Street, Matter::Checkers, Matter::BlackRows, Matter::Empty, Matter::Holes];
@@ -79,6 +79,36 @@ fn pictures_of_any_size() {
             shown.frame(&light::torch(&stress.patches, 9, 300.0), 0.2);
             let pixels = shown.framebuffer.pixels;
             assert_eq!(expected.get_or_insert_with(|| pixels.clone()), &pixels, "{size:?} {}", kernel.name());
+        }
+    }
+}
+
+/// A live view under light that mostly stands still: the same bytes as a new relighter's, which draws everything.
+#[test]
+fn a_live_view_is_composited_as_if_all_were_drawn() {
+    for size in [(17, 33), (47, 49), (5, 64)] {
+        let stress = StressField::new(16, size, 0.004, &PLAIN, 1.0);
+        let geometry =
+            (0..stress.field().response().tiles()).filter(|&t| stress.field().response().tile(t).pixels() > 0);
+        let geometry = geometry.count();
+        for kernel in Kernel::paths() {
+            let mut live = Shown::new(&stress, kernel);
+            for frame in 0..8u32 {
+                let given = light::captured(&stress.patches, 4, if frame < 5 { 1.0 } else { 3.0 });
+                let mut fresh = Shown::new(&stress, kernel);
+                for shown in [&mut live, &mut fresh] {
+                    let behind = shown.view.pixels_mut().iter_mut().enumerate();
+                    behind.for_each(|(at, word)| *word = scatter(at as u32 + 7919 * frame) & 0x00ff_ffff);
+                    shown.relighter.set_weights(&sky(&given), 0.3).unwrap();
+                }
+                let counters = live.relighter.draw(&live.view, &mut live.framebuffer);
+                fresh.relighter.draw(&fresh.view, &mut fresh.framebuffer);
+                assert_eq!(live.framebuffer.pixels, fresh.framebuffer.pixels, "{size:?} {} {frame}", kernel.name());
+                let settled = (2..5).contains(&frame) || frame > 5;
+                assert!(!settled || counters.tiles_drawn == 0, "{frame}: {counters:?}");
+                assert!(!settled || counters.tiles_composited > 0, "{frame}: {counters:?}");
+                assert_eq!(counters.tiles_drawn + counters.tiles_composited + counters.tiles_kept, geometry, "{frame}");
+            }
         }
     }
 }
