@@ -4,7 +4,7 @@ use crate::blocks::{BlockCompressor, BlockTile, FieldBlock};
 use crate::bouncepoints::BouncePoints;
 use crate::camera::Camera;
 use crate::error::{ExactTile, TestLight};
-use crate::heldout::test_skies;
+use crate::heldout::{TestSky, captured, test_skies};
 use crate::progress::Progress;
 use crate::report::Report;
 use crate::response::{Transport, TransportOptions};
@@ -16,6 +16,7 @@ use crate::write::FieldWriter;
 use glam::Vec3;
 use rayon::prelude::*;
 use relume_firmware::field::{CameraRecord, Field, FieldError, Header};
+use relume_firmware::glue::map::MapError;
 use relume_firmware::patches::{PatchError, PatchSet};
 use relume_firmware::tile::BLOCK_TILES;
 use relume_firmware::weights::WeightError;
@@ -39,6 +40,8 @@ pub struct BakeOptions {
     pub stack_sun: Option<[f64; 2]>,
     /// Latitude and longitude of the site, degrees.
     pub site: Option<[f64; 2]>,
+    /// Captured radiance maps that the field's error is told for, too.
+    pub test_maps: Vec<PathBuf>,
     /// Show a bar with the time left on a terminal.
     pub progress: bool,
 }
@@ -53,6 +56,7 @@ impl Default for BakeOptions {
             stack: None,
             stack_sun: None,
             site: None,
+            test_maps: Vec::new(),
             progress: true,
         }
     }
@@ -73,6 +77,9 @@ pub enum BakeError {
     /// The finished field is not sound.
     #[error("the field that was made is not sound: {0}; report this")]
     Unsound(#[from] FieldError),
+    /// A held-out sky cannot be read.
+    #[error("--test-sky: {0}")]
+    TestMap(#[from] MapError),
     /// A held-out sky is not for this field.
     #[error("a held-out sky: {0}")]
     Sky(#[from] WeightError),
@@ -106,6 +113,8 @@ const DARK_LIGHT: f64 = 1e-4;
 pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Baked, BakeError> {
     let started = Instant::now();
     let patches = PatchSet::new(options.directions)?;
+    let maps: Result<Vec<TestSky>, MapError> = options.test_maps.iter().map(|path| captured(path, &patches)).collect();
+    let test_light = TestLight::new(test_skies(&patches).into_iter().chain(maps?).collect());
     let transport = Transport::new(scene, camera, patches, options.size, options.transport)?;
     let stack_sun = options.stack_sun.map(|sun| (sun, sun_dir_world(sun, camera.north_deg)));
     let stack = options.stack.as_deref().map(|dir| {
@@ -121,7 +130,7 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
         compressor: BlockCompressor::new(&patches, options.error, CasterLayers::new(scene)),
         stack,
         stack_sun: stack_sun.map(|(_, dir)| dir),
-        test_light: TestLight::new(test_skies(&patches)),
+        test_light,
     };
     let Tiles { writer, mut report, exact } = job.run(options.progress)?;
     report.finish(&writer, started.elapsed());

@@ -8,8 +8,11 @@ mod preetham;
 
 use clouds::Clouds;
 use preetham::{ClearSky, luminance};
+use relume_firmware::glue::map::{MapError, RadianceMap};
+use relume_firmware::glue::split;
 use relume_firmware::patches::PatchSet;
 use std::f64::consts::PI;
+use std::path::Path;
 
 /// A held-out sky over a patch set.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,6 +41,16 @@ const RECIPES: [Recipe; 8] = [
 const GROUND: f64 = 0.2;
 /// Strata of a patch, per side.
 const STRATA: usize = 4;
+
+/// A captured map as a held-out sky, named as its file; its sun, if one stands out, is left out.
+///
+/// # Errors
+/// [`MapError`], which names the file.
+pub fn captured(path: &Path, set: &PatchSet) -> Result<TestSky, MapError> {
+    let map = RadianceMap::load(path)?;
+    let name = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+    Ok(TestSky { name, radiance: split::weights(&map, set, 0.0)?.radiance })
+}
 
 /// The held-out skies over a patch set; the same on every machine.
 pub fn test_skies(set: &PatchSet) -> Vec<TestSky> {

@@ -20,6 +20,8 @@ fn baked() -> &'static Path {
     FOLDER.get_or_init(|| {
         let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "pipeline");
         write_courtyard(&folder);
+        let captured = |x: usize, y: usize| [0.4 + (x % 16) as f32 / 8.0, 0.9, 1.5 - y as f32 / 32.0];
+        write_exr(&folder.join("captured.exr"), (64, 32), captured);
         let sun = format!("{},{}", SUN[0], SUN[1]);
         bake_in(&folder, &bake_args("3", "a.field", &["--stack", "stack", "--sun", &sun])).well();
         folder
@@ -28,7 +30,7 @@ fn baked() -> &'static Path {
 
 fn bake_args<'a>(threads: &'a str, out: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     let mut args = vec!["scene", "scene.glb", "--camera", "camera.json", "--size", "64x48", "--directions", "64"];
-    args.extend(["--threads", threads, "-o", out]);
+    args.extend(["--test-sky", "captured.exr", "--threads", threads, "-o", out]);
     args.extend(more);
     args
 }
@@ -236,7 +238,7 @@ fn info_tells_the_errors_under_held_out_skies() {
     let set = relume_firmware::patches::PatchSet::new(64).unwrap();
     let skies = relume_bake::heldout::test_skies(&set);
     let errors = info["bake"]["held_out"].as_array().unwrap();
-    assert_eq!(errors.len(), skies.len());
+    assert_eq!(errors.len(), skies.len() + 1);
     for (index, (sky, error)) in skies.iter().zip(errors).enumerate() {
         assert_eq!(error["sky"], sky.name.as_str());
         let light = Light { radiance: sky.radiance.iter().map(|rgb| rgb.map(f64::from)).collect(), sun: None };
@@ -257,8 +259,19 @@ fn info_tells_the_errors_under_held_out_skies() {
         let told = value("share_off_by_more_than_one");
         assert!((told - share).abs() < 2e-4 + 0.05 * share, "{}: {told} but {share}", sky.name);
     }
+    // A captured map is one sky more.
+    let captured = |name: &str, more: &[&str]| {
+        let mut args = vec!["relight", "a.field", "--sky", "captured.exr", "-o", name];
+        args.extend(more);
+        relume_in(baked(), &args).well();
+        read_exr(&baked().join(name))
+    };
+    let (shown, exact) = (captured("map.exr", &[]), captured("map-exact.exr", &["--exact", "stack"]));
+    let rmse = relative_rmse(&shown.rgb, &exact.rgb, &exact.alpha);
+    let (told, name) = (errors[skies.len()]["rmse"].as_f64().unwrap(), &errors[skies.len()]["sky"]);
+    assert!(name == "captured" && (told / rmse - 1.0).abs() < 0.02, "{name}: {told} but {rmse}");
     // What people read has a line for each, and the target.
     let text = bake_in(baked(), &["info", "a.field"]).well().stdout;
-    assert_eq!(text.lines().filter(|line| line.starts_with("error ")).count(), skies.len(), "{text}");
+    assert_eq!(text.lines().filter(|line| line.starts_with("error ")).count(), errors.len(), "{text}");
     assert!(text.contains("target    0.800 %"), "{text}");
 }
