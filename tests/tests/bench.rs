@@ -102,6 +102,11 @@ fn further_sections_hold(report: &Value) {
         let live = &sky["live_view"]["counters"];
         assert_eq!(live["tiles_drawn"].as_f64(), Some(0.0), "{sky}");
         assert!(live["tiles_composited"].as_f64().unwrap() > 0.0, "{sky}");
+        for budget in sky["in_time"].as_array().unwrap() {
+            // The bound is against the uncompressed response, the error against the field's own picture.
+            let of = |key: &str| budget[key].as_f64().unwrap();
+            assert!(of("allowed_ms") > 0.0 && of("error_codes_worst") >= 0.0 && of("frames_until_finished") < 300.0);
+        }
         let ramp = &sky["clear_to_overcast"];
         assert_eq!(ramp["frames"], 300);
         // Tiles change a little between frames, so that an oracle need not draw all of them each time.

@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::clock::median;
 use super::error::{exposure_for, unrounded_code};
+use super::intime::{self, InTime};
 use super::oracle::Oracle;
 use super::stage::Stage;
 use super::tilemap::TileMap;
@@ -46,6 +47,8 @@ pub struct SkippingReport {
     pub still_sky: Still,
     /// The same before a view that changes with every frame.
     pub live_view: Still,
+    /// From clear to overcast within time budgets.
+    pub in_time: Vec<InTime>,
 }
 
 /// Small changes of the sky in 12 directions.
@@ -126,14 +129,15 @@ impl Counts {
     }
 }
 
-struct Trial<'a> {
+/// A relighter that skips, and one that does not.
+pub(super) struct Trial<'a> {
     covered: &'a [u32],
     map: TileMap,
     /// Skips.
     stage: Stage<'a>,
     /// Skips nothing.
     other: Stage<'a>,
-    exposure: f32,
+    pub(super) exposure: f32,
 }
 
 /// Measures from a clear sky towards an overcast one. A sun stays where it is.
@@ -163,6 +167,7 @@ pub fn run(
         clear_to_overcast: trial.ramp(clear, overcast)?,
         still_sky: still,
         live_view: live,
+        in_time: intime::run(&mut trial, field, (clear, overcast), full_s)?,
     })
 }
 
@@ -243,6 +248,16 @@ impl Trial<'_> {
         })
     }
 
+    /// Largest distance of a covered pixel's code in this picture from that before rounding with nothing skipped.
+    pub(super) fn code_error(&mut self, sky: &PatchWeights, pixels_xrgb: &[u32]) -> anyhow::Result<f64> {
+        let codes = self.codes(sky)?;
+        let pixels = self.covered.iter().map(|&at| pixels_xrgb[at as usize].to_be_bytes());
+        let off = pixels.zip(&codes).flat_map(|([_, rgb @ ..], exact)| {
+            rgb.into_iter().zip(exact).map(|(shown, &exact)| (f64::from(shown) - f64::from(exact)).abs())
+        });
+        Ok(off.fold(0.0, f64::max))
+    }
+
     /// Codes of the covered pixels, before rounding, with nothing skipped.
     fn codes(&mut self, sky: &PatchWeights) -> anyhow::Result<Vec<[f32; 3]>> {
         let exposure = f64::from(self.exposure);
@@ -272,7 +287,7 @@ fn nearest(set: &PatchSet, to: [f32; 3]) -> Vec<usize> {
 }
 
 /// `share` of the way from one sky to another; the sun stays where `from` has it.
-fn mix(from: &PatchWeights, to: &PatchWeights, share: f32) -> PatchWeights {
+pub(super) fn mix(from: &PatchWeights, to: &PatchWeights, share: f32) -> PatchWeights {
     let between = |a: [f32; 3], b: [f32; 3]| std::array::from_fn(|c| a[c] + share * (b[c] - a[c]));
     let sun = from.sun.map(|sun| {
         let end = to.sun.map_or([0.0; 3], |to| to.irradiance);
@@ -319,7 +334,8 @@ impl std::fmt::Display for SkippingReport {
             live.counters.tiles_composited,
             live.counters.tiles_kept,
             live.counters.tiles_drawn
-        )
+        )?;
+        self.in_time.iter().try_for_each(|budget| write!(f, "{budget}"))
     }
 }
 

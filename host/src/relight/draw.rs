@@ -17,6 +17,7 @@ pub(super) struct Drew {
     pub(super) drawn: usize,
     pub(super) kept: usize,
     pub(super) composited: usize,
+    pub(super) waiting: usize,
     pub(super) empty: usize,
     pub(super) way_back: usize,
     pub(super) bound_linear: f32,
@@ -29,12 +30,23 @@ impl Drew {
             drawn: self.drawn + other.drawn,
             kept: self.kept + other.kept,
             composited: self.composited + other.composited,
+            waiting: self.waiting + other.waiting,
             empty: self.empty + other.empty,
             way_back: self.way_back + other.way_back,
             bound_linear: self.bound_linear.max(other.bound_linear),
             bound_codes: self.bound_codes.max(other.bound_codes),
         }
     }
+}
+
+/// What becomes of a tile.
+enum Fate {
+    /// It stays as it is.
+    Stays,
+    /// Its light stays; another view is put behind it.
+    ChangesView,
+    /// It is drawn.
+    IsDrawn,
 }
 
 /// What all bands of a frame share.
@@ -47,6 +59,8 @@ pub(super) struct Drawing<'a> {
     pub(super) unpacked: &'a [UnpackedRows<'a>],
     /// Is there an error budget?
     pub(super) for_error: bool,
+    /// Is there a time budget? Then it is known what is drawn.
+    pub(super) for_time: bool,
     pub(super) slope: &'a CodeSlope,
     pub(super) view: u64,
     pub(super) rank_limit: Option<usize>,
@@ -69,23 +83,24 @@ impl Drawing<'_> {
             let block = &self.blocks[row / BLOCK_TILES * across + column / BLOCK_TILES];
             drew.empty += usize::from(state.empty);
             let limited = self.limited(block);
-            let coefficients = limited.as_ref().unwrap_or(&block.coefficients);
-            let weights = &self.levels.get(block.level).weights;
-            let shown = ShownLight { coefficients, weights, sun_q16: self.sun_q16() };
-            let stays = state.unchanged(index, self, block.level, &shown);
-            if stays && !state.shows_other_view(self.view) {
-                drew.kept += usize::from(!state.empty);
-            } else {
-                let target =
-                    Target { surface: &mut surface, surface_y0: row * TILE_PX, at: (column * TILE_PX, row * TILE_PX) };
-                let edges = if stays { state.change_view(self.view) } else { None };
-                if let Some(edges) = edges {
-                    self.compositor.view_alone((self.field, index), edges, &mut linear, target);
-                    drew.composited += usize::from(!state.empty);
-                } else {
+            let shown = self.light(block, limited.as_ref());
+            if !self.for_time {
+                state.judge(index, self, block.level, &shown);
+            }
+            let one = usize::from(!state.empty);
+            let at = (column * TILE_PX, row * TILE_PX);
+            let target = Target { surface: &mut surface, surface_y0: row * TILE_PX, at };
+            match self.fate(state) {
+                Fate::Stays if state.waits => drew.waiting += one,
+                Fate::Stays => drew.kept += one,
+                Fate::ChangesView => {
+                    self.compositor.view_alone((self.field, index), state.change_view(self.view), &mut linear, target);
+                    *(if state.waits { &mut drew.waiting } else { &mut drew.composited }) += one;
+                }
+                Fate::IsDrawn => {
                     self.draw(index, (state, block), &shown, &mut linear, target);
-                    drew.drawn += usize::from(!state.empty);
-                    drew.way_back += usize::from(block.level > 0 && !state.empty);
+                    drew.drawn += one;
+                    drew.way_back += one * usize::from(block.level > 0);
                 }
             }
             if !state.empty {
@@ -94,6 +109,29 @@ impl Drawing<'_> {
             }
         }
         drew
+    }
+
+    /// Finds how urgent tile number `index` is, before any is drawn.
+    pub(super) fn judge(&self, index: usize, state: &mut TileState) {
+        let block = &self.blocks[self.field.response().block_of(index)];
+        let limited = self.limited(block);
+        state.judge(index, self, block.level, &self.light(block, limited.as_ref()));
+    }
+
+    /// The light of a block, with no more ranks than the frame allows.
+    fn light<'l>(&'l self, block: &'l Block, limited: Option<&'l Coefficients>) -> ShownLight<'l> {
+        let coefficients = limited.unwrap_or(&block.coefficients);
+        ShownLight { coefficients, weights: &self.levels.get(block.level).weights, sun_q16: self.sun_q16() }
+    }
+
+    /// What becomes of a tile that was judged.
+    fn fate(&self, state: &TileState) -> Fate {
+        let light_stays = state.urgency == 0.0 || state.waits;
+        match (light_stays, state.shows_other_view(self.view)) {
+            (true, false) => Fate::Stays,
+            (true, true) if state.knows_edges() => Fate::ChangesView,
+            _ => Fate::IsDrawn,
+        }
     }
 
     /// Draws tile number `index`.

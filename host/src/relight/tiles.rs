@@ -20,6 +20,12 @@ pub(super) struct TileState {
     level: usize,
     view: u64,
     pub(super) sun: SunDrift,
+    /// How much the tile must be drawn: 0 if it may stay, the codes it may be off by times the frames it is so already, or
+    /// infinite if nothing is known.
+    pub(super) urgency: f32,
+    /// Does it wait for a later frame?
+    pub(super) waits: bool,
+    frames_waited: u32,
     /// Does the view show through anywhere?
     shows_view: bool,
     /// Light of the edge pixels ([`Edges`]), while the view is live.
@@ -46,6 +52,9 @@ impl TileState {
             level: 0,
             view: 0,
             sun: SunDrift::default(),
+            urgency: f32::INFINITY,
+            waits: false,
+            frames_waited: 0,
             shows_view: tile.pixels() < TILE_PIXELS || field.coverage(index).is_some(),
             edges: Vec::new(),
             edges_kept: Edges::light_len(field.coverage(index)) == 0,
@@ -72,40 +81,51 @@ impl TileState {
         self.shows_view && self.view != view
     }
 
-    /// The light of the edge pixels of a tile that may stay, if another view can be put behind it; it shows that from now on.
-    pub(super) fn change_view(&mut self, view: u64) -> Option<&[f32]> {
-        if !self.edges_kept {
-            return None;
-        }
-        self.view = view;
-        Some(&self.edges)
+    /// Is the light of its edge pixels known, so that another view can be put behind it?
+    pub(super) fn knows_edges(&self) -> bool {
+        self.edges_kept
     }
 
-    /// May the light of tile number `index` stay as it is in `light`? Also brings `shown_bound` up to date if so.
-    pub(super) fn unchanged(
-        &mut self,
-        index: usize,
-        drawing: &Drawing<'_>,
-        level: usize,
-        light: &ShownLight<'_>,
-    ) -> bool {
-        if !self.is_drawn || self.level != level {
-            return false;
-        }
-        if self.empty || self.moment == drawing.moment {
-            return true;
-        }
-        // With as many patches apart as on higher levels only the same light can be compared.
-        if level > 0 {
-            return false;
-        }
+    /// Notes that another view is put behind it; the light of its edge pixels.
+    pub(super) fn change_view(&mut self, view: u64) -> &[f32] {
+        self.view = view;
+        &self.edges
+    }
+
+    /// Finds how urgent tile number `index` is in `light`. Also brings `shown_bound` up to date if it may stay or wait.
+    pub(super) fn judge(&mut self, index: usize, drawing: &Drawing<'_>, level: usize, light: &ShownLight<'_>) {
+        self.waits = false;
+        self.urgency = if !self.is_drawn || self.level != level {
+            f32::INFINITY
+        } else if self.empty || self.moment == drawing.moment {
+            0.0
+        } else if level > 0 {
+            // With as many patches apart as on higher levels only the same light can be compared.
+            f32::INFINITY
+        } else {
+            self.change(index, drawing, light) * (1.0 + self.frames_waited as f32)
+        };
+    }
+
+    /// Lets the tile wait for a later frame.
+    pub(super) fn wait(&mut self) {
+        self.waits = true;
+        self.frames_waited = self.frames_waited.saturating_add(1);
+    }
+
+    /// Codes by which the light may have changed since the tile was drawn; 0 for less than a half.
+    fn change(&mut self, index: usize, drawing: &Drawing<'_>, light: &ShownLight<'_>) -> f32 {
         let moved = self.drawn.moved((drawing.field, index), light, &TileReach(&self.reach), &self.sun);
-        if self.drawn.codes(drawing.slope, &self.dark_shares, &moved) >= HALF_CODE {
-            return false;
+        let codes = self.drawn.codes(drawing.slope, &self.dark_shares, &moved);
+        let changed = codes >= HALF_CODE;
+        if !changed || drawing.for_time {
+            self.note_bound(drawing.slope, &moved);
         }
-        self.note_bound(drawing.slope, &moved);
+        if changed {
+            return codes;
+        }
         self.moment = drawing.moment;
-        true
+        0.0
     }
 
     /// Remembers what is shown from now on.
@@ -118,6 +138,7 @@ impl TileState {
     ) {
         self.drawn.set((drawing.field, index), light, (&block.coefficients, &block.bound), dimmest);
         (self.is_drawn, self.moment) = (true, drawing.moment);
+        self.frames_waited = 0;
         (self.level, self.view) = (block.level, drawing.view);
         self.sun.reset();
         self.note_bound(drawing.slope, &Off::default());
