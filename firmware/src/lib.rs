@@ -17,6 +17,7 @@ pub mod field;
 pub mod glue;
 mod header;
 pub mod kernel;
+pub mod levels;
 pub mod minifloat;
 pub mod overlay;
 pub mod patches;

@@ -27,6 +27,7 @@ use rayon::prelude::*;
 use relume_firmware::bound::CodeSlope;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
+use relume_firmware::levels::is_error_budget;
 use relume_firmware::tone::ViewLight;
 use relume_firmware::weights::{SunWeight, WeightError};
 use std::time::Instant;
@@ -132,7 +133,7 @@ impl<'f> Relighter<'f> {
     /// [`BudgetError`], if no frame of this field can.
     pub fn set_budget(&mut self, budget: Budget) -> Result<(), BudgetError> {
         match budget {
-            Budget::ErrorCodes(codes) if codes.is_nan() || codes <= 0.55 => return Err(BudgetError::Codes(codes)),
+            Budget::ErrorCodes(codes) if !is_error_budget(codes) => return Err(BudgetError::Codes(codes)),
             Budget::ErrorCodes(_) if self.field.bounds().is_none() => return Err(BudgetError::NoBounds),
             Budget::Time(time) if time.is_zero() => return Err(BudgetError::Time),
             _ => {}

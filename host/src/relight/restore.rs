@@ -2,10 +2,7 @@
 
 use super::Relighter;
 use super::budget::Budget;
-
-/// A block tries a lower level when its bounds are under this share of the error budget: far enough from it that it does
-/// not come back with every frame.
-const LEVEL_SHARE: f32 = 0.5;
+use relume_firmware::levels::may_be_lower;
 
 impl Relighter<'_> {
     /// Lets every block whose tiles were all well within the error budget try one level less with the new weights.
@@ -13,7 +10,7 @@ impl Relighter<'_> {
         let Budget::ErrorCodes(codes) = self.budget else { return };
         let (response, states) = (self.field.response(), &self.states);
         for (index, block) in self.blocks.iter_mut().enumerate().filter(|(_, block)| block.level > 0) {
-            let well = |tile: usize| states[tile].empty || states[tile].shown_bound.1 < LEVEL_SHARE * codes;
+            let well = |tile: usize| states[tile].empty || may_be_lower(states[tile].shown_bound.1, codes);
             if response.tiles_of(index).all(well) {
                 block.set_level(block.level - 1);
             }
