@@ -103,6 +103,7 @@ impl ViewLight {
     }
 
     /// Linear light of all codes.
+    #[cfg(target_arch = "x86_64")]
     pub(crate) fn table(&self) -> &[f32; 256] {
         &self.0
     }
