@@ -3,6 +3,8 @@
 use crate::blocks::{BlockCompressor, BlockTile, FieldBlock};
 use crate::bouncepoints::BouncePoints;
 use crate::camera::Camera;
+use crate::error::{ExactTile, TestLight};
+use crate::heldout::{TestSky, captured, test_skies};
 use crate::progress::Progress;
 use crate::report::Report;
 use crate::response::{Transport, TransportOptions};
@@ -13,9 +15,11 @@ use crate::viewpoint::TransportError;
 use crate::write::FieldWriter;
 use glam::Vec3;
 use rayon::prelude::*;
-use relume_firmware::field::{CameraRecord, Header};
+use relume_firmware::field::{CameraRecord, Field, FieldError, Header};
+use relume_firmware::glue::map::MapError;
 use relume_firmware::patches::{PatchError, PatchSet};
 use relume_firmware::tile::BLOCK_TILES;
+use relume_firmware::weights::WeightError;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -36,6 +40,8 @@ pub struct BakeOptions {
     pub stack_sun: Option<[f64; 2]>,
     /// Latitude and longitude of the site, degrees.
     pub site: Option<[f64; 2]>,
+    /// Captured radiance maps that the field's error is told for, too.
+    pub test_maps: Vec<PathBuf>,
     /// Show a bar with the time left on a terminal.
     pub progress: bool,
 }
@@ -50,6 +56,7 @@ impl Default for BakeOptions {
             stack: None,
             stack_sun: None,
             site: None,
+            test_maps: Vec::new(),
             progress: true,
         }
     }
@@ -67,6 +74,15 @@ pub enum BakeError {
     /// The stack could not be written.
     #[error(transparent)]
     Stack(#[from] StackError),
+    /// The finished field is not sound.
+    #[error("the field that was made is not sound: {0}; report this")]
+    Unsound(#[from] FieldError),
+    /// A held-out sky cannot be read.
+    #[error("--test-sky: {0}")]
+    TestMap(#[from] MapError),
+    /// A held-out sky is not for this field.
+    #[error("a held-out sky: {0}")]
+    Sky(#[from] WeightError),
 }
 
 /// A finished field, still in memory.
@@ -97,6 +113,8 @@ const DARK_LIGHT: f64 = 1e-4;
 pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Baked, BakeError> {
     let started = Instant::now();
     let patches = PatchSet::new(options.directions)?;
+    let maps: Result<Vec<TestSky>, MapError> = options.test_maps.iter().map(|path| captured(path, &patches)).collect();
+    let test_light = TestLight::new(test_skies(&patches).into_iter().chain(maps?).collect());
     let transport = Transport::new(scene, camera, patches, options.size, options.transport)?;
     let stack_sun = options.stack_sun.map(|sun| (sun, sun_dir_world(sun, camera.north_deg)));
     let stack = options.stack.as_deref().map(|dir| {
@@ -112,8 +130,9 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
         compressor: BlockCompressor::new(&patches, options.error, CasterLayers::new(scene)),
         stack,
         stack_sun: stack_sun.map(|(_, dir)| dir),
+        test_light,
     };
-    let (writer, mut report) = job.run(options.progress)?;
+    let Tiles { writer, mut report, exact } = job.run(options.progress)?;
     report.finish(&writer, started.elapsed());
     if report.light_mean < DARK_LIGHT {
         let position = camera.position.map(|c| c as f32);
@@ -124,8 +143,9 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     }
     let header = header(camera, patches, options);
     let casters = job.compressor.casters;
-    let bytes = writer.into_bytes(header, [casters.casters, casters.nodes, job.bounce.layer()], &report.to_json());
-    Ok(Baked { bytes, report })
+    let draft = writer.into_draft(header, [casters.casters, casters.nodes, job.bounce.layer()]);
+    report.held_out = job.test_light.errors(&Field::new(draft.bytes())?, &exact)?;
+    Ok(Baked { bytes: draft.finish(&report.to_json()), report })
 }
 
 fn header(camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Header {
@@ -156,24 +176,36 @@ struct Job<'s> {
     bounce: BouncePoints,
     stack: Option<StackWriter>,
     stack_sun: Option<Vec3>,
+    test_light: TestLight,
 }
+
+/// What comes of all tiles.
+struct Tiles {
+    writer: FieldWriter,
+    report: Report,
+    /// In the order of the file.
+    exact: Vec<ExactTile>,
+}
+
+/// A block, and per tile of it, row by row, its exact sums.
+type Compressed = (FieldBlock, Vec<ExactTile>);
 
 /// Tiles in flight, at least: enough for any number of cores, and with one row of blocks a bound on memory.
 const BATCH_TILES: usize = 128;
 
 impl Job<'_> {
-    fn run(&self, progress: bool) -> Result<(FieldWriter, Report), BakeError> {
+    fn run(&self, progress: bool) -> Result<Tiles, BakeError> {
         let (columns, rows) = self.transport.tiles();
         let edge = BLOCK_TILES as u32;
         let bar = progress.then(|| Progress::new("bake", u64::from(columns.div_ceil(edge) * rows.div_ceil(edge))));
-        let (mut writer, mut report) = (FieldWriter::default(), Report::default());
+        let (mut writer, mut report, mut exact) = (FieldWriter::default(), Report::default(), Vec::new());
         writer.set_bound_basis(self.compressor.bound_basis_bytes());
         let block_rows: Vec<u32> = (0..rows.div_ceil(edge)).collect();
         let at_once = BATCH_TILES.div_ceil(columns as usize * BLOCK_TILES).max(1);
         for batch in block_rows.chunks(at_once) {
             let places: Vec<(u32, u32)> =
                 batch.iter().flat_map(|&y| (0..columns.div_ceil(edge)).map(move |x| (x, y))).collect();
-            let blocks: Result<Vec<FieldBlock>, BakeError> = places
+            let blocks: Result<Vec<Compressed>, BakeError> = places
                 .par_iter()
                 .map(|&place| {
                     let block = self.block(place)?;
@@ -184,23 +216,24 @@ impl Job<'_> {
                 })
                 .collect();
             let mut tiles = Vec::new();
-            for block in blocks? {
+            for (block, sums) in blocks? {
                 writer.push_bound(&block.bound);
                 report.add_light(block.light);
-                tiles.extend(block.tiles);
+                tiles.extend(block.tiles.into_iter().zip(sums));
             }
             // The file holds tiles row by row.
-            tiles.sort_by_key(|tile| (tile.at.1, tile.at.0));
-            for tile in tiles {
+            tiles.sort_by_key(|(tile, _)| (tile.at.1, tile.at.0));
+            for (tile, sums) in tiles {
                 report.add(&tile);
                 writer.push(tile);
+                exact.push(sums);
             }
         }
-        Ok((writer, report))
+        Ok(Tiles { writer, report, exact })
     }
 
     /// Transport, stack and compression of the block in column and row `place`.
-    fn block(&self, place: (u32, u32)) -> Result<FieldBlock, BakeError> {
+    fn block(&self, place: (u32, u32)) -> Result<Compressed, BakeError> {
         let (columns, rows) = self.transport.tiles();
         let edge = BLOCK_TILES as u32;
         let mut tiles = Vec::with_capacity(BLOCK_TILES * BLOCK_TILES);
@@ -215,6 +248,7 @@ impl Job<'_> {
                 tiles.push(BlockTile { at: (tx, ty), response, bounce });
             }
         }
-        Ok(self.compressor.block(tiles))
+        let sums = tiles.iter().map(|tile| self.test_light.sums(&tile.response.response)).collect();
+        Ok((self.compressor.block(tiles), sums))
     }
 }

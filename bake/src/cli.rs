@@ -28,6 +28,7 @@ relume-bake: makes the field that a post relights.
       --sun AZ,ALT     with --stack: also sun.exr for that sun, degrees
       --sun-paths N    with --sun: fewest light paths from each of a pixel's 16 points, a power of two (16)
       --error P%       relative error that the compression aims at
+      --test-sky MAP   also tell the field's error under this captured map, .hdr or .exr, without its sun (may be repeated)
       --seed N         the same seed gives the same bytes (1)
       --threads N      threads to use (all cores)
       --json           print the report as JSON
@@ -128,6 +129,7 @@ fn scene_arguments(parser: &mut lexopt::Parser) -> Result<Option<SceneArguments>
             Long("sun") => a.options.stack_sun = Some(sun(&text(parser)?)?),
             Long("site") => a.options.site = Some(site(&text(parser)?)?),
             Long("error") => a.options.error = percent(&text(parser)?)?,
+            Long("test-sky") => a.options.test_maps.push(parser.value()?.into()),
             Long("materials") => match text(parser)?.as_str() {
                 "lambert" => {}
                 other => return Err(Failure::bad(format!("--materials {other}: this version knows lambert"))),

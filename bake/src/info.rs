@@ -3,6 +3,7 @@
 use crate::report::Report;
 use relume_firmware::field::{CameraRecord, Field};
 use relume_firmware::glue::failure::Failure;
+use relume_firmware::tile::MAX_RANK;
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
@@ -26,6 +27,7 @@ pub struct Info {
     max_hits: u32,
     bytes_per_covered_pixel: f64,
     bytes_stored_per_covered_pixel: f64,
+    ranks: Ranks,
     sun_casters: usize,
     layers: Vec<LayerInfo>,
     bake: Option<Report>,
@@ -38,6 +40,37 @@ struct CameraInfo {
     up: [f32; 3],
     fov_y_deg: f32,
     north_deg: f32,
+}
+
+/// Ranks of the tiles, counted by covered pixels.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct Ranks {
+    mean: f64,
+    tenth: usize,
+    median: usize,
+    nine_tenths: usize,
+    max: usize,
+}
+
+impl Ranks {
+    fn of(field: &Field<'_>) -> Self {
+        let tiles = field.response();
+        let mut pixels = [0usize; MAX_RANK + 1];
+        (0..tiles.tiles()).map(|t| tiles.tile(t)).for_each(|tile| pixels[tile.rank()] += tile.pixels());
+        let covered = tiles.covered();
+        let until = |share: f64| {
+            let mut left = share * covered as f64;
+            pixels.iter().position(|&count| (left -= count as f64, left <= 0.0).1).unwrap_or(0)
+        };
+        let sum: usize = pixels.iter().enumerate().map(|(rank, count)| rank * count).sum();
+        Ranks {
+            mean: sum as f64 / covered.max(1) as f64,
+            tenth: until(0.1),
+            median: until(0.5),
+            nine_tenths: until(0.9),
+            max: pixels.iter().rposition(|&count| count > 0).unwrap_or(0),
+        }
+    }
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -83,6 +116,7 @@ impl Info {
             max_hits: header.max_hits,
             bytes_per_covered_pixel: per_pixel(read),
             bytes_stored_per_covered_pixel: per_pixel(field.file_bytes()),
+            ranks: Ranks::of(field),
             sun_casters: field.sun_surfaces().casters().len(),
             layers: field.layers().map(|layer| LayerInfo { kind: kind(layer.kind), bytes: layer.length }).collect(),
             bake: serde_json::from_slice(field.meta()).ok(),
@@ -111,8 +145,25 @@ impl fmt::Display for Info {
             "bytes     {:.1} read and {:.1} stored per covered pixel",
             self.bytes_per_covered_pixel, self.bytes_stored_per_covered_pixel
         )?;
-        if let Some(bake) = &self.bake {
-            writeln!(f, "rank      {:.1} on average, {} at most", bake.rank_mean, bake.rank_max)?;
+        let Ranks { mean, tenth, median, nine_tenths, max } = self.ranks;
+        writeln!(
+            f,
+            "rank      {mean:.1} on average; {tenth}, {median}, {nine_tenths} at 10, 50, 90 % of pixels; {max} at most"
+        )?;
+        let target = 100.0 * self.error_target;
+        writeln!(
+            f,
+            "target    {target:.3} % of a pixel as bright as white paint in the open, under the prior's skies"
+        )?;
+        for error in self.bake.iter().flat_map(|bake| &bake.held_out) {
+            writeln!(
+                f,
+                "error     {:22} {:.3} % RMSE, worst code {}, {:.3} % of values off by more than one",
+                error.sky,
+                100.0 * error.rmse,
+                error.worst_code,
+                100.0 * error.share_off_by_more_than_one
+            )?;
         }
         writeln!(f, "sun       {} casters", self.sun_casters)?;
         for layer in &self.layers {

@@ -1,5 +1,6 @@
 //! What a bake says about itself: the META layer and `relume-bake info`.
 
+use crate::error::SkyError;
 use crate::write::{FieldTile, FieldWriter};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -22,6 +23,9 @@ pub struct Report {
     pub seconds: f64,
     /// Mean light of the covered pixels under an even sky of radiance 1.
     pub light_mean: f64,
+    /// Errors against the response before compression, under skies that no prior knows.
+    #[serde(default)]
+    pub held_out: Vec<SkyError>,
     #[serde(skip)]
     rank_sum: f64,
     #[serde(skip)]

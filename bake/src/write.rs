@@ -112,12 +112,17 @@ impl FieldWriter {
     }
 
     /// The whole file. `scene` are CAST, CBVH and BPNT, `meta` JSON; `header.covered` is set here.
-    pub fn into_bytes(mut self, mut header: Header, scene: [Vec<u8>; 3], meta: &str) -> Vec<u8> {
+    pub fn into_bytes(self, header: Header, scene: [Vec<u8>; 3], meta: &str) -> Vec<u8> {
+        self.into_draft(header, scene).finish(meta)
+    }
+
+    /// The file but for its META, which may tell what only the whole field shows.
+    pub fn into_draft(mut self, mut header: Header, scene: [Vec<u8>; 3]) -> Draft {
         header.covered = self.covered;
         self.blocks.extend_from_slice(&((self.fragments.len() / 4) as u32).to_le_bytes());
         self.bounce_places.extend_from_slice(&((self.bounce.len() / 4) as u32).to_le_bytes());
         let (response, [casters, nodes, points]) = (self.response, scene);
-        let layers: [(LayerKind, u32, Vec<u8>); 17] = [
+        let layers: [(LayerKind, u32, Vec<u8>); 16] = [
             (*b"TILE", LAYER_CRITICAL, response.records),
             (*b"ROWS", LAYER_CRITICAL, response.rows),
             (*b"RESU", LAYER_CRITICAL, response.u),
@@ -134,32 +139,64 @@ impl FieldWriter {
             (*b"BPNT", LAYER_CRITICAL, points),
             (*b"BTIL", LAYER_CRITICAL, self.bounce_places),
             (*b"BNCE", LAYER_CRITICAL, self.bounce),
-            (*b"META", 0, meta.as_bytes().to_vec()),
         ];
-        assemble(&header, &layers)
+        Draft::new(header, layers)
     }
 }
 
-/// Header, table and aligned layers.
-fn assemble(header: &Header, layers: &[(LayerKind, u32, Vec<u8>)]) -> Vec<u8> {
-    let mut table = Vec::with_capacity(layers.len() * LAYER_ENTRY);
-    let mut offset = (HEADER + layers.len() * LAYER_ENTRY).next_multiple_of(LAYER_ALIGN);
-    for (kind, flags, bytes) in layers {
-        let crc32 = crc32fast::hash(bytes);
-        let layer = Layer { kind: *kind, flags: *flags, offset: offset as u64, length: bytes.len() as u64, crc32 };
-        table.extend_from_slice(&layer.encode());
-        offset = (offset + bytes.len()).next_multiple_of(LAYER_ALIGN);
-    }
-    let mut file = Vec::with_capacity(offset);
-    file.extend_from_slice(&header.encode(offset as u64, &table));
-    file.extend_from_slice(&table);
-    for (_, _, bytes) in layers {
-        file.resize(file.len().next_multiple_of(LAYER_ALIGN), 0);
-        file.extend_from_slice(bytes);
-    }
-    file.resize(offset, 0);
-    file
+/// A field file whose last layer, META, is empty as yet: a sound field already.
+#[derive(Debug)]
+pub struct Draft {
+    header: Header,
+    table: Vec<u8>,
+    file: Vec<u8>,
 }
+
+impl Draft {
+    /// Header, table and aligned layers; each layer's memory is given back once it is copied.
+    fn new(header: Header, layers: [(LayerKind, u32, Vec<u8>); 16]) -> Self {
+        let first = (HEADER + (layers.len() + 1) * LAYER_ENTRY).next_multiple_of(LAYER_ALIGN);
+        let whole = layers.iter().fold(first, |end, (_, _, bytes)| (end + bytes.len()).next_multiple_of(LAYER_ALIGN));
+        let mut draft = Draft { header, table: Vec::new(), file: Vec::with_capacity(whole + META_ROOM) };
+        draft.file.resize(first, 0);
+        for (kind, flags, bytes) in layers {
+            draft.push(kind, flags, &bytes);
+        }
+        draft.push(*b"META", 0, &[]);
+        draft.seal();
+        draft
+    }
+
+    fn push(&mut self, kind: LayerKind, flags: u32, bytes: &[u8]) {
+        let (offset, length, crc32) = (self.file.len() as u64, bytes.len() as u64, crc32fast::hash(bytes));
+        self.table.extend_from_slice(&Layer { kind, flags, offset, length, crc32 }.encode());
+        self.file.extend_from_slice(bytes);
+        self.file.resize(self.file.len().next_multiple_of(LAYER_ALIGN), 0);
+    }
+
+    /// Puts header and table in front.
+    fn seal(&mut self) {
+        let header = self.header.encode(self.file.len() as u64, &self.table);
+        self.file[..HEADER].copy_from_slice(&header);
+        self.file[HEADER..HEADER + self.table.len()].copy_from_slice(&self.table);
+    }
+
+    /// The bytes of the field so far.
+    pub fn bytes(&self) -> &[u8] {
+        &self.file
+    }
+
+    /// The whole file, with this META.
+    pub fn finish(mut self, meta: &str) -> Vec<u8> {
+        self.table.truncate(self.table.len() - LAYER_ENTRY);
+        self.push(*b"META", 0, meta.as_bytes());
+        self.seal();
+        self.file
+    }
+}
+
+/// Room for META, so that the file need not move when it comes, bytes.
+const META_ROOM: usize = 1 << 14;
 
 fn padded_bytes(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes.resize(relume_firmware::tile::padded(bytes.len()), 0);

@@ -1,10 +1,11 @@
 //! Compositing: a relit tile over the view, in linear light, to the surface.
 
 use crate::coefficients::Coefficients;
+use crate::edge::Edges;
 use crate::field::Field;
 use crate::kernel::{Extent, Kernel, Linear, Shown};
 use crate::relight::{LinearTile, TileLight, add_rows};
-use crate::surface::{Surface, rgb};
+use crate::surface::Surface;
 use crate::tile::{TILE_PIXELS, TILE_PX, Tile};
 use crate::tone::ViewLight;
 
@@ -76,86 +77,131 @@ impl Target<'_, '_> {
 
 impl Compositor<'_> {
     /// Relights tile number `index` and writes it: `P + (1 - coverage) * view` per pixel, the view alone where nothing
-    /// covers it. Returns the extent of its linear values. `linear` is a place to work in.
+    /// covers it. Returns the extent of its linear values. `linear` is a place to work in. The light of the edge pixels
+    /// goes to `kept`, if that has room for it ([`Edges::light_len`]).
     ///
     /// A tile that is all covered goes straight from the field to the surface.
     pub fn tile(
         &self,
-        field: &Field<'_>,
-        index: usize,
+        (field, index): (&Field<'_>, usize),
         (coefficients, light): (&Coefficients, &TileLight<'_>),
         linear: &mut LinearTile,
+        kept: &mut [f32],
         mut target: Target<'_, '_>,
     ) -> Extent {
         let tile = field.response().tile(index);
         let n = tile.padded_pixels();
         let coverage = field.coverage(index);
         let has_rows = add_rows(field, index, light, self.kernel, linear);
+        let job = coefficients.job(&tile, light.sun);
         if n == TILE_PIXELS && tile.pixels() == n && coverage.is_none() && !has_rows && target.is_inside() {
             let (x0, y0) = target.at;
             let (pixels_xrgb, stride) = target.surface.from_mut(x0, y0 - target.surface_y0);
-            let job = coefficients.job(&tile, light.sun);
             return self.kernel.relight(&job, Linear::Skip, Some(Shown { pixels_xrgb, stride }));
         }
         let mut buffer = [0u32; TILE_PIXELS];
         let shown = Shown { pixels_xrgb: &mut buffer[..n], stride: TILE_PX };
-        let job = coefficients.job(&tile, light.sun);
-        let extent = if has_rows {
-            self.kernel.relight(&job, Linear::Add(linear.planes(n)), Some(shown))
-        } else if coverage.is_some() {
-            coefficients.reconstruct(&tile, light.sun, self.kernel, linear)
-        } else {
-            self.kernel.relight(&job, Linear::Skip, Some(shown))
+        let to = match (has_rows, coverage) {
+            (true, _) => Linear::Add(linear.planes(n)),
+            (false, Some(_)) => Linear::Write(linear.planes(n)),
+            (false, None) => Linear::Skip,
         };
-        if let Some(coverage) = coverage {
-            self.add_view(&tile, coverage, linear, target.at);
-            self.kernel.tone(linear.planes(n).map(|plane| &*plane), &mut buffer[..n]);
-        }
+        let extent = self.kernel.relight(&job, to, Some(shown));
         self.spread(&tile, &buffer, &mut target);
+        self.gaps(&tile, &mut target);
+        let edges = Edges::new(&tile, coverage);
+        if edges.count() > 0 {
+            edges.gather(linear);
+            if !kept.is_empty() {
+                edges.keep(linear, kept);
+            }
+            self.edges(&edges, linear, &mut target);
+        }
         extent
     }
 
-    /// Adds the light of the view behind pixels that cover only partly.
-    fn add_view(&self, tile: &Tile<'_>, coverage: &[u8], linear: &mut LinearTile, (x0, y0): (usize, usize)) {
-        for (k, (pixel, &alpha)) in tile.covered().zip(coverage).enumerate() {
-            if alpha == 255 {
-                continue;
-            }
-            let behind = rgb(self.view.at(x0 + pixel % TILE_PX, y0 + pixel / TILE_PX));
-            let share = f32::from(255 - alpha) * (1.0 / 255.0);
-            for (plane, code) in linear.0.iter_mut().zip(behind) {
-                plane[k] += self.light.linear(code) * share;
+    /// Writes what has changed of a tile because the view has: its edge pixels, whose light was `kept`, and where nothing
+    /// covers the view.
+    pub fn view_alone(
+        &self,
+        (field, index): (&Field<'_>, usize),
+        kept: &[f32],
+        linear: &mut LinearTile,
+        mut target: Target<'_, '_>,
+    ) {
+        let tile = field.response().tile(index);
+        self.gaps(&tile, &mut target);
+        if !kept.is_empty() {
+            let edges = Edges::new(&tile, field.coverage(index));
+            edges.recall(kept, linear);
+            self.edges(&edges, linear, &mut target);
+        }
+    }
+
+    /// Edge pixels over the view; their light lies at the front of `linear`.
+    fn edges(&self, edges: &Edges, linear: &mut LinearTile, target: &mut Target<'_, '_>) {
+        let (n, (x0, y0)) = (edges.padded(), target.at);
+        let (mut behind, mut shown) = ([0u32; TILE_PIXELS], [0u32; TILE_PIXELS]);
+        for (behind, place) in behind.iter_mut().zip(edges.places()) {
+            *behind = self.view.at(x0 + place % TILE_PX, y0 + place / TILE_PX);
+        }
+        self.kernel.add_view(&behind[..n], edges.coverage(), self.light, linear.planes(n));
+        self.kernel.tone(linear.planes(n).map(|plane| &*plane), &mut shown[..n]);
+        let rows = target.rows();
+        for (&word, place) in shown.iter().zip(edges.places()).filter(|(_, place)| place / TILE_PX < rows) {
+            if let Some(pixel) = target.row_mut(place / TILE_PX).get_mut(place % TILE_PX) {
+                *pixel = word;
             }
         }
     }
 
-    /// Covered pixels' codes to their places, and the view between them.
+    /// Covered pixels' codes to their places.
     fn spread(&self, tile: &Tile<'_>, shown: &[u32; TILE_PIXELS], target: &mut Target<'_, '_>) {
-        let (x0, y0) = target.at;
         let mut next = 0;
         for y in 0..target.rows() {
-            let covered = u16::from_le_bytes([tile.record.mask[2 * y], tile.record.mask[2 * y + 1]]);
+            let covered = mask_row(tile, y);
             let row = target.row_mut(y);
-            let width = row.len();
-            if covered != u16::MAX {
-                self.view.copy_row(x0, y0 + y, row);
-            }
-            // A mask is runs of covered pixels: copy them whole.
-            let (mut left, mut own) = (u32::from(covered), next);
-            while left != 0 {
-                let from = left.trailing_zeros();
-                let run = (left >> from).trailing_ones();
-                let end = (from + run) as usize;
-                let kept = from as usize..end.min(width);
+            let mut own = next;
+            for run in runs(covered) {
+                let kept = run.start..run.end.min(row.len());
                 if !kept.is_empty() {
                     row[kept.clone()].copy_from_slice(&shown[own..own + kept.len()]);
                 }
-                own += run as usize;
-                left &= !0 << end;
+                own += run.len();
             }
             next += covered.count_ones() as usize;
         }
     }
+
+    /// The view where nothing covers it.
+    fn gaps(&self, tile: &Tile<'_>, target: &mut Target<'_, '_>) {
+        let (x0, y0) = target.at;
+        for y in 0..target.rows() {
+            let row = target.row_mut(y);
+            for run in runs(!mask_row(tile, y)) {
+                let open = run.start..run.end.min(row.len());
+                if !open.is_empty() {
+                    self.view.copy_row(x0 + open.start, y0 + y, &mut row[open]);
+                }
+            }
+        }
+    }
+}
+
+/// The covered pixels of a tile's row, one bit each.
+fn mask_row(tile: &Tile<'_>, y: usize) -> u16 {
+    u16::from_le_bytes([tile.record.mask[2 * y], tile.record.mask[2 * y + 1]])
+}
+
+/// The runs of ones in a row's bits: masks are made of few, and what lies in one is copied whole.
+fn runs(bits: u16) -> impl Iterator<Item = core::ops::Range<usize>> {
+    let mut left = u32::from(bits);
+    core::iter::from_fn(move || {
+        let from = left.trailing_zeros();
+        let end = from + left.checked_shr(from)?.trailing_ones();
+        left &= u32::MAX.checked_shl(end).unwrap_or(0);
+        Some(from as usize..end as usize)
+    })
 }
 
 #[cfg(test)]
@@ -169,11 +215,12 @@ mod tests {
         let mut linear = LinearTile([[premultiplied; TILE_PIXELS]; 3]);
         let mut mask = [0; 32];
         mask[0] = 1;
-        let tile = Tile::bare(mask);
-        compositor.add_view(&tile, &[coverage], &mut linear, (0, 0));
-        let mut shown = [0; 16];
-        compositor.kernel.tone(linear.planes(16).map(|plane| &*plane), &mut shown);
-        shown[0]
+        let mut pixels = [crate::surface::xrgb([crate::tone::code(premultiplied); 3])];
+        let mut surface = Surface::new(&mut pixels, 1, 1, 1).unwrap();
+        let edges = Edges::new(&Tile::bare(mask), Some(&[coverage]));
+        let mut target = Target { surface: &mut surface, surface_y0: 0, at: (0, 0) };
+        compositor.edges(&edges, &mut linear, &mut target);
+        pixels[0]
     }
 
     #[test]
@@ -203,7 +250,9 @@ mod tests {
         for (width, height) in [(16, 4), (13, 3), (1, 1)] {
             let mut pixels = [7u32; 80];
             let mut surface = Surface::new(&mut pixels, width, height, 20).unwrap();
-            compositor.spread(&tile, &shown, &mut Target { surface: &mut surface, surface_y0: 0, at: (0, 0) });
+            let mut target = Target { surface: &mut surface, surface_y0: 0, at: (0, 0) };
+            compositor.spread(&tile, &shown, &mut target);
+            compositor.gaps(&tile, &mut target);
             let mut next = 0;
             for (at, &found) in pixels.iter().enumerate() {
                 let (x, y) = (at % 20, at / 20);

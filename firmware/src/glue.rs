@@ -1,4 +1,8 @@
-//! What both command-line tools need of an operating system (feature `std`).
+//! What both command-line tools need beyond the core (feature `std`): exit codes, files that appear whole, radiance maps and
+//! the weights they become.
 
 pub mod failure;
+pub mod map;
 pub mod outfile;
+pub mod split;
+pub mod weights;

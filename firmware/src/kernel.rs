@@ -2,6 +2,8 @@
 
 mod job;
 pub mod scalar;
+#[allow(unsafe_code)]
+mod view;
 
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
@@ -22,6 +24,7 @@ mod neon_dot;
 pub use job::{Extent, Linear, Projection, Reconstruction, Shown, UNIT_LIMIT};
 
 use crate::tile::TILE_PX;
+use crate::tone::ViewLight;
 
 /// A path through the kernels that this machine can run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -159,6 +162,27 @@ impl Kernel {
             Path::Avx2 | Path::Avx512 => unsafe { avx2::add_squares(codes, unit, plane) },
             // Every aarch64 has NEON: the compiler uses it for the plain loop.
             _ => scalar::add_squares(codes, unit, plane),
+        }
+    }
+
+    /// Adds the view behind pixels that are covered partly, by 255ths, to their linear values: per channel the light of the
+    /// view's code times the share that is free. For a multiple of 16 pixels.
+    ///
+    /// # Panics
+    /// If the slices' lengths differ or are no multiple of 16.
+    pub fn add_view(self, view_xrgb: &[u32], coverage: &[u8], light: &ViewLight, planes: [&mut [f32]; 3]) {
+        let n = view_xrgb.len();
+        assert!(n.is_multiple_of(16) && coverage.len() == n && planes.iter().all(|plane| plane.len() == n));
+        match self.0 {
+            Path::Scalar => view::scalar(view_xrgb, coverage, light, planes),
+            // SAFETY: `Kernel` holds these paths only where the processor has AVX2; the lengths were checked above.
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            Path::Avx2 | Path::Avx512 => unsafe { view::avx2(view_xrgb, coverage, light, planes) },
+            // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
+            #[cfg(target_arch = "aarch64")]
+            #[allow(unsafe_code)]
+            Path::Neon | Path::NeonDot => unsafe { view::neon(view_xrgb, coverage, light, planes) },
         }
     }
 

@@ -11,11 +11,13 @@ pub mod coefficients;
 pub mod composite;
 pub mod direct;
 pub mod drawn;
+pub mod edge;
 pub mod field;
 #[cfg(feature = "std")]
 pub mod glue;
 mod header;
 pub mod kernel;
+pub mod levels;
 pub mod minifloat;
 pub mod overlay;
 pub mod patches;

@@ -101,6 +101,12 @@ impl ViewLight {
     pub fn linear(&self, code: u8) -> f32 {
         self.0[usize::from(code)]
     }
+
+    /// Linear light of all codes.
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) fn table(&self) -> &[f32; 256] {
+        &self.0
+    }
 }
 
 impl Default for ViewLight {

@@ -6,8 +6,13 @@
 //! it after any number of steps. A coefficient is one of those sums times a 16-bit scale, below 2^47 in an i64, brought to
 //! 15 bits; with |U| <= 127 and at most 128 ranks a pixel's sum stays within 128 * 127 * 32767 < 2^29.
 
+mod standouts;
+mod step;
+
 use crate::patches::MAX_PATCHES;
 use crate::tile::{LANE_PAD, padded};
+pub use standouts::{MAX_STANDOUTS, STANDOUT_TIMES_MEAN, standouts};
+pub use step::WeightStep;
 
 /// Most patches, padded.
 pub const MAX_PADDED: usize = padded(MAX_PATCHES);
@@ -88,37 +93,6 @@ pub struct Apart {
     pub patch: u16,
     /// Radiance times exposure.
     pub light: [f32; 3],
-}
-
-/// Most patches that [`standouts`] names.
-pub const MAX_STANDOUTS: usize = 8;
-/// A patch stands out when it is this many times as bright as the patches' mean.
-pub const STANDOUT_TIMES_MEAN: f32 = 4.0;
-
-/// Patches that outshine the sky: brighter than [`STANDOUT_TIMES_MEAN`] times the mean, at most [`MAX_STANDOUTS`],
-/// ascending. Returns how many of `out` were written.
-pub fn standouts(radiance_linear: &[[f32; 3]], out: &mut [u16; MAX_STANDOUTS]) -> usize {
-    let bright = |rgb: &[f32; 3]| rgb[0].max(rgb[1]).max(rgb[2]);
-    let mean = radiance_linear.iter().map(|rgb| f64::from(bright(rgb))).sum::<f64>();
-    let least = f64::from(STANDOUT_TIMES_MEAN) * mean / radiance_linear.len().max(1) as f64;
-    let mut found = [(0.0f32, 0u16); MAX_STANDOUTS];
-    let mut count = 0;
-    for (patch, rgb) in radiance_linear.iter().enumerate().take(MAX_PATCHES) {
-        let own = bright(rgb);
-        if f64::from(own) <= least {
-            continue;
-        }
-        let at = found[..count].iter().position(|&(other, _)| other < own).unwrap_or(count);
-        if at < MAX_STANDOUTS {
-            let last = count.min(MAX_STANDOUTS - 1);
-            found.copy_within(at..last, at + 1);
-            found[at] = (own, patch as u16);
-            count = last + 1;
-        }
-    }
-    found[..count].sort_unstable_by_key(|&(_, patch)| patch);
-    out.iter_mut().zip(found).for_each(|(out, (_, patch))| *out = patch);
-    count
 }
 
 /// Exponents are kept in this range so that shifts stay small.
@@ -288,64 +262,6 @@ pub struct Values<'a> {
     pub lit_blocks: &'a [u8],
 }
 
-/// What changed between two sets of weights of the same scale: projections are linear, so only this is projected.
-#[derive(Clone, Debug)]
-pub struct WeightStep {
-    value_q: [[i16; MAX_PADDED]; 3],
-    lit: [u8; BLOCKS],
-    lit_blocks: usize,
-    patches: usize,
-}
-
-impl WeightStep {
-    /// No change.
-    pub const NONE: WeightStep =
-        WeightStep { value_q: [[0; MAX_PADDED]; 3], lit: [0; BLOCKS], lit_blocks: 0, patches: 0 };
-
-    /// Takes the step from `before` to `after`. `false` where it cannot stand for the change, because a scale changed or
-    /// the sum of changes is out of the range that a projection holds.
-    pub fn set(&mut self, before: &FixedWeights, after: &FixedWeights) -> bool {
-        if before.patches != after.patches || before.exponent != after.exponent {
-            return false;
-        }
-        self.patches = after.patches;
-        self.lit_blocks = 0;
-        let mut sums = [0i64; 3];
-        for block in 0..padded(self.patches) / LANE_PAD {
-            let mut changed = false;
-            for (c, sum) in sums.iter_mut().enumerate() {
-                for at in block * LANE_PAD..(block + 1) * LANE_PAD {
-                    // Neither is negative, so the difference fits.
-                    let step = after.value_q[c][at] - before.value_q[c][at];
-                    self.value_q[c][at] = step;
-                    *sum += i64::from(step.unsigned_abs());
-                    changed |= step != 0;
-                }
-            }
-            if changed {
-                self.lit[self.lit_blocks] = block as u8;
-                self.lit_blocks += 1;
-            }
-        }
-        sums.iter().all(|&sum| sum <= MAX_SUM)
-    }
-
-    /// Did nothing change?
-    pub fn is_none(&self) -> bool {
-        self.lit_blocks == 0
-    }
-
-    /// Changes of a channel.
-    pub fn values(&self, channel: usize) -> Values<'_> {
-        Values { value_q: &self.value_q[channel][..padded(self.patches)], lit_blocks: &self.lit[..self.lit_blocks] }
-    }
-
-    /// Patches that changed.
-    pub fn changed(&self) -> usize {
-        (0..self.patches).filter(|&patch| self.value_q.iter().any(|channel| channel[patch] != 0)).count()
-    }
-}
-
 /// Largest weight of the sun: 512 times the irradiance that shows as display white on a response of 1.
 pub const MAX_SUN_Q16: u32 = (1 << 25) - 1;
 
@@ -418,18 +334,6 @@ mod tests {
         assert!(matches!(weights.set(&sky, None, 0.0, &[]), Err(WeightError::Exposure(_))));
         let sun = SunWeight { dir_world: [0.0, 2.0, 0.0], irradiance: [1.0; 3] };
         assert_eq!(weights.set(&sky, Some(&sun), 1.0, &[]), Err(WeightError::Sun));
-    }
-
-    #[test]
-    fn the_brightest_patches_stand_out() {
-        let mut sky = vec![[1.0; 3]; 64];
-        let mut found = [0u16; MAX_STANDOUTS];
-        assert_eq!(standouts(&sky, &mut found), 0);
-        for (k, patch) in [5usize, 60, 0, 33, 12, 50, 20, 21, 22, 23].into_iter().enumerate() {
-            sky[patch] = [100.0 + 10.0 * (k % 5) as f32; 3];
-        }
-        assert_eq!(standouts(&sky, &mut found), 8);
-        assert_eq!(found, [0, 12, 20, 21, 22, 23, 33, 60]);
     }
 
     #[test]

@@ -29,6 +29,7 @@ mod error;
 mod facts;
 mod figure;
 mod int8;
+mod intime;
 mod lights;
 mod method;
 mod openblas;
@@ -111,7 +112,7 @@ pub fn run(options: &Options) -> anyhow::Result<BenchReport> {
     let pool = rival::pool(study::THREADS.into_iter().max().unwrap_or(1))?;
     let (rivals, notes) = rivals.into_methods(field.patch_set(), &pool, stack.is_some());
     notes.iter().for_each(|note| remark(note));
-    let own = own_methods(field, own_at, &covered, &skies)?;
+    let own = own_methods(field, own_at, &covered)?;
     let cache_bytes = options.last_level_cache_bytes.or_else(cache::last_level_bytes).unwrap_or(0);
     let scale = study::Scale { covered_px: covered.len(), bandwidth: bandwidth::read_bandwidth(cache_bytes)? };
     let ground = beyond::Ground { path: &options.field, field, cache_bytes, covered: &covered, scale };
@@ -125,14 +126,12 @@ fn own_methods<'f>(
     field: Field<'f>,
     own_at: impl Fn(Budget) -> relume::Relume<'f>,
     covered: &[u32],
-    skies: &[BenchSky],
 ) -> anyhow::Result<Vec<Box<dyn Method + 'f>>> {
-    let all_ranks_ms = own_at(Budget::AllRanks).frame_ms(skies)?;
     let errors = if field.bounds().is_some() { Budget::ERRORS.as_slice() } else { &[] };
     if errors.is_empty() {
         remark("error budgets are left out: the field has no bounds");
     }
-    let all = Budget::RANKS.iter().chain(errors).copied().chain(Budget::times(all_ranks_ms));
+    let all = Budget::RANKS.iter().chain(errors).copied();
     let one = |budget: Budget| -> anyhow::Result<Box<dyn Method + 'f>> {
         if !budget.learns() {
             return Ok(Box::new(own_at(budget)));

@@ -171,7 +171,7 @@ impl<'p> Post<'p> {
     fn show(&mut self) -> Result<(), Failure> {
         self.relight();
         self.counters = self.parts.painter.draw().or_runtime()?;
-        let changed = self.counters.tiles_drawn > 0;
+        let changed = self.counters.tiles_drawn + self.counters.tiles_composited > 0;
         let (width, height) = self.parts.painter.size();
         if changed || self.frames == 0 {
             self.frames_changed += 1;

@@ -6,10 +6,13 @@ mod buffers;
 mod counters;
 mod draw;
 mod file;
+mod frame;
 mod levels;
 mod reading;
+mod restore;
 mod sunplane;
 mod tiles;
+mod waiting;
 
 pub use budget::{Budget, BudgetError};
 pub use buffers::{Framebuffer, Picture, View};
@@ -19,23 +22,18 @@ pub use file::{FieldFile, FieldFileError};
 use crate::weights::PatchWeights;
 use blocks::{Block, Projected};
 use budget::Pace;
-use draw::{Drawing, Drew};
 use levels::Levels;
 use rayon::prelude::*;
 use relume_firmware::bound::CodeSlope;
-use relume_firmware::composite::{Compositor, ViewPixels};
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
-use relume_firmware::tile::TILE_PX;
+use relume_firmware::levels::is_error_budget;
 use relume_firmware::tone::ViewLight;
 use relume_firmware::weights::{SunWeight, WeightError};
 use std::time::Instant;
 use sunplane::SunPlane;
 use tiles::TileState;
-
-/// A block tries a lower level when its bounds are under this share of the error budget: far enough from it that it does
-/// not come back with every frame.
-const LEVEL_SHARE: f32 = 0.5;
+use waiting::Choice;
 
 /// Relights one field, frame after frame, on `threads` threads.
 pub struct Relighter<'f> {
@@ -54,6 +52,8 @@ pub struct Relighter<'f> {
     states: Vec<TileState>,
     budget: Budget,
     pace: Pace,
+    choice: Choice,
+    rank_limit: Option<usize>,
     /// Number of the light that blocks have coefficients of and ranks are limited for.
     moment: u64,
     /// Set weights since the last [`Relighter::draw`]?
@@ -62,6 +62,10 @@ pub struct Relighter<'f> {
     settled: bool,
     /// When the newest weights came.
     started: Instant,
+    /// The view that was drawn last.
+    view: Option<u64>,
+    /// Has the view ever changed? Then light is kept where it shows through.
+    live: bool,
     /// The counters of the last frame, its view and its moment.
     shown: Option<(FrameCounters, u64, u64)>,
     counters: FrameCounters,
@@ -79,7 +83,6 @@ impl<'f> Relighter<'f> {
         let patches = field.patch_set().len();
         let pool = thread_pool(threads);
         let blocks: Vec<Block> = (0..response.blocks()).map(|index| Block::new(&field, index)).collect();
-        let largest_rank = (0..response.tiles()).map(|tile| response.tile(tile).rank()).max().unwrap_or(0);
         let counters = FrameCounters {
             tiles: response.tiles(),
             blocks: blocks.iter().filter(|block| block.tile.is_some()).count(),
@@ -100,11 +103,15 @@ impl<'f> Relighter<'f> {
             blocks,
             states: (0..response.tiles()).map(|index| TileState::new(&field, index)).collect(),
             budget: Budget::default(),
-            pace: Pace::new(largest_rank),
+            pace: Pace::default(),
+            choice: Choice::new(response.tiles()),
+            rank_limit: None,
             moment: 1,
             new_weights: false,
             settled: false,
             started: Instant::now(),
+            view: None,
+            live: false,
             shown: None,
             counters,
         }
@@ -126,7 +133,7 @@ impl<'f> Relighter<'f> {
     /// [`BudgetError`], if no frame of this field can.
     pub fn set_budget(&mut self, budget: Budget) -> Result<(), BudgetError> {
         match budget {
-            Budget::ErrorCodes(codes) if codes.is_nan() || codes <= 0.55 => return Err(BudgetError::Codes(codes)),
+            Budget::ErrorCodes(codes) if !is_error_budget(codes) => return Err(BudgetError::Codes(codes)),
             Budget::ErrorCodes(_) if self.field.bounds().is_none() => return Err(BudgetError::NoBounds),
             Budget::Time(time) if time.is_zero() => return Err(BudgetError::Time),
             _ => {}
@@ -135,7 +142,6 @@ impl<'f> Relighter<'f> {
             return Ok(());
         }
         self.budget = budget;
-        self.pace.free();
         self.blocks.iter_mut().for_each(|block| block.set_level(0));
         self.invalidate();
         Ok(())
@@ -143,8 +149,8 @@ impl<'f> Relighter<'f> {
 
     /// Uses at most this many ranks per tile from the next frame on; `None` for all.
     pub fn set_rank_limit(&mut self, limit: Option<usize>) {
-        self.moment += u64::from(self.pace.rank_limit != limit);
-        self.pace.rank_limit = limit;
+        self.moment += u64::from(self.rank_limit != limit);
+        self.rank_limit = limit;
     }
 
     /// Retraces the sun only when it has moved by more than this, degrees (0: whenever it has moved).
@@ -249,133 +255,6 @@ impl<'f> Relighter<'f> {
         };
         let before = if new_weights { (0, 0) } else { (self.counters.blocks_projected, self.counters.blocks_stepped) };
         (self.counters.blocks_projected, self.counters.blocks_stepped) = add(before, (whole, stepped));
-    }
-
-    /// Draws the newest weights over `view`: only tiles that may change by half a code or more since they were last
-    /// drawn, or where a new view shows through. View and framebuffer must have the field's size.
-    pub fn draw(&mut self, view: &View, framebuffer: &mut Framebuffer) -> FrameCounters {
-        let started = if self.new_weights { self.started } else { Instant::now() };
-        let (width, height) = (self.field.width(), self.field.height());
-        if framebuffer.pixels.len() != width * height {
-            *framebuffer = Framebuffer::new(width, height);
-            self.states.iter_mut().for_each(|state| state.is_drawn = false);
-            self.shown = None;
-        }
-        if let Some(still) = self.still(view) {
-            return still;
-        }
-        let mut drew = self.draw_tiles(view, framebuffer);
-        let bounded = self.levels.bounds(&self.field).is_some();
-        if let Budget::ErrorCodes(codes) = self.budget
-            && bounded
-        {
-            while self.raise_levels(codes) {
-                let again = self.draw_tiles(view, framebuffer);
-                drew = Drew { drawn: drew.drawn + again.drawn, ..again };
-                drew.kept = self.counters.tiles.saturating_sub(drew.empty + drew.drawn);
-            }
-        }
-        let everything = drew.kept == 0;
-        let mut counters = FrameCounters {
-            tiles_drawn: drew.drawn,
-            tiles_kept: drew.kept,
-            tiles_empty: drew.empty,
-            tiles_way_back: drew.way_back,
-            rank_limit: self.pace.rank_limit,
-            ..self.counters
-        };
-        if bounded {
-            (counters.bound_linear, counters.bound_codes) = (Some(drew.bound_linear), Some(drew.bound_codes));
-        }
-        self.shown = self.settled.then_some((counters, view.identity, self.moment));
-        if let Budget::Time(allowed) = self.budget
-            && everything
-        {
-            let before = self.pace.rank_limit;
-            self.pace.follow(started.elapsed(), allowed);
-            self.moment += u64::from(self.pace.rank_limit != before);
-        }
-        self.new_weights = false;
-        counters
-    }
-
-    /// The counters of a frame in which nothing has changed since the one before, if this is one.
-    fn still(&self, view: &View) -> Option<FrameCounters> {
-        let (last, shown_view, moment) = self.shown?;
-        let same = self.settled && shown_view == view.identity && moment == self.moment;
-        let kept = FrameCounters {
-            tiles_drawn: 0,
-            tiles_kept: last.tiles - last.tiles_empty,
-            bound_linear: last.bound_linear,
-            bound_codes: last.bound_codes,
-            rank_limit: self.pace.rank_limit,
-            tiles_empty: last.tiles_empty,
-            tiles_way_back: 0,
-            ..self.counters
-        };
-        same.then_some(kept)
-    }
-
-    /// Lets every block whose tiles were all well within the error budget try one level less with the new weights.
-    fn lower_levels(&mut self) {
-        let Budget::ErrorCodes(codes) = self.budget else { return };
-        let (response, states) = (self.field.response(), &self.states);
-        for (index, block) in self.blocks.iter_mut().enumerate().filter(|(_, block)| block.level > 0) {
-            let well = |tile: usize| states[tile].empty || states[tile].shown_bound.1 < LEVEL_SHARE * codes;
-            if response.tiles_of(index).all(well) {
-                block.set_level(block.level - 1);
-            }
-        }
-    }
-
-    /// Raises the level of every block with a tile whose bound exceeds `codes`; `false` if none can be raised.
-    fn raise_levels(&mut self, codes: f32) -> bool {
-        let (response, top) = (self.field.response(), self.levels.top());
-        let mut raised = false;
-        for (index, block) in self.blocks.iter_mut().enumerate() {
-            let exceeds = |tile: usize| !self.states[tile].empty && self.states[tile].shown_bound.1 > codes;
-            if block.level < top && response.tiles_of(index).any(exceeds) {
-                block.set_level(block.level + 1);
-                raised = true;
-            }
-        }
-        if raised {
-            self.project(false);
-        }
-        raised
-    }
-
-    fn draw_tiles(&mut self, view: &View, framebuffer: &mut Framebuffer) -> Drew {
-        let width = self.field.width();
-        let columns = self.field.response().grid().0;
-        let sun_q16 = self.levels.get(0).weights.sun_q16();
-        let (unpacked, count) = self.levels.unpacked();
-        let drawing = Drawing {
-            field: &self.field,
-            compositor: Compositor {
-                view: ViewPixels { pixels_xrgb: &view.pixels, stride: view.width },
-                light: &self.light,
-                kernel: self.kernel,
-            },
-            levels: &self.levels,
-            blocks: &self.blocks,
-            sun: self.given.sun.map(|_| (self.sun.plane(), sun_q16)),
-            unpacked: &unpacked[..count],
-            for_error: matches!(self.budget, Budget::ErrorCodes(_)),
-            slope: &self.slope,
-            view: view.identity,
-            rank_limit: self.pace.rank_limit,
-            moment: self.moment,
-        };
-        let band = |(row, (pixels, states)): (usize, (&mut [u32], &mut [TileState]))| drawing.band(row, pixels, states);
-        let (pixels, states) = (&mut framebuffer.pixels, &mut self.states);
-        if self.alone {
-            let bands = pixels.chunks_mut(width * TILE_PX).zip(states.chunks_mut(columns));
-            bands.enumerate().map(band).fold(Drew::default(), Drew::and)
-        } else {
-            let bands = pixels.par_chunks_mut(width * TILE_PX).zip(states.par_chunks_mut(columns));
-            install(self.pool.as_ref(), || bands.enumerate().map(band).reduce(Drew::default, Drew::and))
-        }
     }
 }
 

@@ -5,6 +5,7 @@ use relume_bake::response::TileResponse;
 use relume_bake::scene::Scene;
 use relume_bake::sunlayers::CasterLayers;
 use relume_bake::write::FieldWriter;
+use relume_firmware::bouncepoint::POINT_GRID;
 use relume_firmware::field::{CameraRecord, Field, Header};
 use relume_firmware::patches::PatchSet;
 use relume_firmware::tile::{BLOCK_TILES, TILE_PX};
@@ -136,7 +137,7 @@ impl StressField {
         }
         tiles.sort_by_key(|tile| (tile.at.1, tile.at.0));
         tiles.into_iter().for_each(|tile| writer.push(tile));
-        let layers = [compressor.casters.casters, compressor.casters.nodes, Vec::new()];
+        let layers = [compressor.casters.casters, compressor.casters.nodes, vec![0; POINT_GRID]];
         let bytes = writer.into_bytes(header(patches, size, error), layers, "{}");
         StressField { patches, size, matter, bytes, responses }
     }

@@ -173,6 +173,7 @@ fn sizes_and_numbers_out_of_range() {
     bad(&["--sun", "10,20"], "--stack");
     bad(&["--stack", "s", "--sun", "10,91"], "--sun");
     bad(&["--error", "0%"], "--error");
+    bad(&["--test-sky", "no/such/sky.hdr"], "no/such/sky.hdr");
     bad(&["--frobnicate"], "frobnicate");
     for light in ["0,-1,0", "0,0,0", "nan,1,0", "1,2", "a,b,c"] {
         relume_refused(&folder, &["relight", "a.field", "--light", light, "-o", "o.exr"], 2, &["--light"]);

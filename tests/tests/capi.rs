@@ -11,7 +11,7 @@
 mod field;
 
 use field::{bare_bytes, bare_field, coverage, field, folder, light};
-use relume::relight::{FrameCounters, Framebuffer, Relighter, View};
+use relume::relight::{Budget, FrameCounters, Framebuffer, Relighter, View};
 use relume_firmware::field::Field;
 use relume_tests::files::{fresh_folder, names, put};
 use relume_tests::program::{Outcome, relume_in, run};
@@ -175,6 +175,30 @@ fn bounds_are_those_of_the_program() {
     }
 }
 
+/// More of the field where a budget needs it, and less again: step by step the pictures and bounds of the program.
+#[test]
+fn error_budgets_are_kept_to_as_by_the_program() {
+    frames();
+    let (width, height) = (field().width(), field().height());
+    let mut relighter = Relighter::new(field(), 1);
+    relighter.set_budget(Budget::ErrorCodes(2.0)).unwrap();
+    let (view, mut framebuffer) = (View::new(width, height, Vec::new()), Framebuffer::new(width, height));
+    let (mut rounds, mut way_back) = (0, Vec::new());
+    for (step, seed) in [1, 4, 4, 3, 1].into_iter().enumerate() {
+        relighter.set_weights(&light(seed), 0.5).unwrap();
+        let counters = relighter.draw(&view, &mut framebuffer);
+        assert!(words(&format!("budget-{step}.raw")) == framebuffer.pixels, "step {step}");
+        let found = words(&format!("budget-bound-{step}.raw"));
+        let bound = [counters.bound_linear, counters.bound_codes].map(Option::unwrap);
+        assert_eq!([found[1], found[2]].map(f32::from_bits), bound, "step {step}");
+        rounds += found[0];
+        way_back.push(counters.tiles_way_back);
+    }
+    assert!(rounds > 5 && way_back[0] > 0, "nothing was restored: {way_back:?}");
+    let plain = shown_of(field(), 1, false).1.bound_codes.unwrap();
+    assert!(plain > 2.0 && f32::from_bits(words("budget-bound-0.raw")[2]) < plain, "{plain}");
+}
+
 #[test]
 fn a_field_without_bounds_and_rows_is_shown_without_them() {
     put(&folder().join("bare.field"), bare_bytes());
@@ -309,7 +333,7 @@ fn needs_no_allocator_and_no_standard_library() {
         assert_eq!(asked.iter().find(foreign), None, "{library} asks for more than it may");
     }
     let public = symbols("librelume.so", &["-D", "--defined-only"]);
-    assert!(public.iter().all(|name| name.starts_with("relume_")) && public.len() == 11, "{public:?}");
+    assert!(public.iter().all(|name| name.starts_with("relume_")) && public.len() == 13, "{public:?}");
     let dynamic = run(tool("readelf").arg("-d").arg(installed().join("lib/librelume.so"))).well().stdout;
     assert!(dynamic.contains("soname: [librelume.so.1]") && !dynamic.contains("NEEDED"), "{dynamic}");
 }

@@ -20,6 +20,8 @@ fn baked() -> &'static Path {
     FOLDER.get_or_init(|| {
         let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "pipeline");
         write_courtyard(&folder);
+        let captured = |x: usize, y: usize| [0.4 + (x % 16) as f32 / 8.0, 0.9, 1.5 - y as f32 / 32.0];
+        write_exr(&folder.join("captured.exr"), (64, 32), captured);
         let sun = format!("{},{}", SUN[0], SUN[1]);
         bake_in(&folder, &bake_args("3", "a.field", &["--stack", "stack", "--sun", &sun])).well();
         folder
@@ -28,7 +30,7 @@ fn baked() -> &'static Path {
 
 fn bake_args<'a>(threads: &'a str, out: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     let mut args = vec!["scene", "scene.glb", "--camera", "camera.json", "--size", "64x48", "--directions", "64"];
-    args.extend(["--threads", threads, "-o", out]);
+    args.extend(["--test-sky", "captured.exr", "--threads", threads, "-o", out]);
     args.extend(more);
     args
 }
@@ -208,4 +210,68 @@ fn nothing_but_the_asked_for_files_appears() {
     relume_in(&folder, &["relight", "f.field", "--light", "0,1,0", "-o", "a.exr"]).well();
     relume_in(&folder, &["relight", "f.field", "--light", "0,1,0", "-o", "a.png"]).well();
     assert_eq!(names(&folder), ["a.exr", "a.png", "camera.json", "f.field", "scene.glb"]);
+}
+
+/// Exposure as the design defines it: 0.8 / the 99th percentile of the covered channel values.
+fn exposure_of(exact: &Linear) -> f64 {
+    let covered = exact.rgb.iter().zip(&exact.alpha).filter(|(_, share)| **share > 0.0);
+    let mut values: Vec<f64> = covered.flat_map(|(rgb, _)| *rgb).collect();
+    values.sort_by(f64::total_cmp);
+    let place = 0.99 * (values.len() - 1) as f64;
+    let (low, high) = (values[place as usize], values[place.ceil() as usize]);
+    0.8 / (low + (high - low) * place.fract())
+}
+
+/// `name.png` of a light by `relight` with these options.
+fn codes(name: &str, weights: &str, exposure: f64, more: &[&str]) -> Vec<u8> {
+    let (out, ev) = (format!("{name}.png"), format!("{}", exposure.log2()));
+    let mut args = vec!["relight", "a.field", "--weights", weights, "--exposure", &ev, "-o", &out];
+    args.extend(more);
+    relume_in(baked(), &args).well();
+    image::open(baked().join(&out)).unwrap().into_rgb8().into_raw()
+}
+
+#[test]
+fn info_tells_the_errors_under_held_out_skies() {
+    let told = bake_in(baked(), &["info", "a.field", "--json"]).well().stdout;
+    let info: serde_json::Value = serde_json::from_str(&told).unwrap();
+    let set = relume_firmware::patches::PatchSet::new(64).unwrap();
+    let skies = relume_bake::heldout::test_skies(&set);
+    let errors = info["bake"]["held_out"].as_array().unwrap();
+    assert_eq!(errors.len(), skies.len() + 1);
+    for (index, (sky, error)) in skies.iter().zip(errors).enumerate() {
+        assert_eq!(error["sky"], sky.name.as_str());
+        let light = Light { radiance: sky.radiance.iter().map(|rgb| rgb.map(f64::from)).collect(), sun: None };
+        let (name, weights) = (format!("held{index}"), format!("held{index}.csv"));
+        let (shown, exact) = (relit(&light, &name, &[]), relit(&light, &name, &["--exact", "stack"]));
+        let rmse = relative_rmse(&shown.rgb, &exact.rgb, &exact.alpha);
+        let value = |key: &str| error[key].as_f64().unwrap();
+        assert!((value("rmse") / rmse - 1.0).abs() < 0.02, "{}: {} but {rmse}", sky.name, value("rmse"));
+        let exposure = exposure_of(&exact);
+        let (shown, truth) =
+            (codes(&name, &weights, exposure, &[]), codes(&name, &weights, exposure, &["--exact", "stack"]));
+        let covered = exact.alpha.iter().flat_map(|share| [*share > 0.0; 3]);
+        let off: Vec<u8> =
+            shown.iter().zip(&truth).zip(covered).filter(|(_, lit)| *lit).map(|((a, b), _)| a.abs_diff(*b)).collect();
+        let worst = f64::from(*off.iter().max().unwrap());
+        assert!((value("worst_code") - worst).abs() <= 1.0, "{}: {} but {worst}", sky.name, value("worst_code"));
+        let share = off.iter().filter(|&&off| off > 1).count() as f64 / off.len() as f64;
+        let told = value("share_off_by_more_than_one");
+        assert!((told - share).abs() < 2e-4 + 0.05 * share, "{}: {told} but {share}", sky.name);
+    }
+    // A captured map is one sky more.
+    let captured = |name: &str, more: &[&str]| {
+        let mut args = vec!["relight", "a.field", "--sky", "captured.exr", "-o", name];
+        args.extend(more);
+        relume_in(baked(), &args).well();
+        read_exr(&baked().join(name))
+    };
+    let (shown, exact) = (captured("map.exr", &[]), captured("map-exact.exr", &["--exact", "stack"]));
+    let rmse = relative_rmse(&shown.rgb, &exact.rgb, &exact.alpha);
+    let (told, name) = (errors[skies.len()]["rmse"].as_f64().unwrap(), &errors[skies.len()]["sky"]);
+    assert!(name == "captured" && (told / rmse - 1.0).abs() < 0.02, "{name}: {told} but {rmse}");
+    // What people read has a line for each, and the target.
+    let text = bake_in(baked(), &["info", "a.field"]).well().stdout;
+    assert_eq!(text.lines().filter(|line| line.starts_with("error ")).count(), errors.len(), "{text}");
+    assert!(text.contains("target    0.800 %"), "{text}");
 }

@@ -29,17 +29,30 @@ pub struct BlockState {
     /// Does `projected` hold the newest light? From then on it is only read, until [`BlockState::forget`].
     is_ready: AtomicBool,
     projected: UnsafeCell<Projected>,
+    /// How much of the way back is taken.
+    level: usize,
 }
 
 impl BlockState {
     /// Not projected yet.
     pub const fn new() -> Self {
-        BlockState { is_ready: AtomicBool::new(false), projected: UnsafeCell::new(Projected::DARK) }
+        BlockState { is_ready: AtomicBool::new(false), projected: UnsafeCell::new(Projected::DARK), level: 0 }
     }
 
     /// There is a newer light.
     pub fn forget(&mut self) {
         *self.is_ready.get_mut() = false;
+    }
+
+    /// How much of the way back is taken.
+    pub fn level(&self) -> usize {
+        self.level
+    }
+
+    /// Takes more or less of the way back.
+    pub fn set_level(&mut self, level: usize) {
+        self.level = level;
+        self.forget();
     }
 
     fn get(&self) -> Option<&Projected> {
@@ -63,6 +76,11 @@ impl<'a> BandBlocks<'a> {
     /// There is no other owner of these blocks while this lives.
     pub unsafe fn new(blocks: &'a [BlockState], is_owner: bool) -> Self {
         BandBlocks { blocks, is_owner, own: (None, Projected::DARK) }
+    }
+
+    /// The level of block number `index` of the row.
+    pub fn level(&self, index: usize) -> usize {
+        self.blocks[index].level
     }
 
     /// Block number `index` of the row; `project` is called if nobody has done it for this light.

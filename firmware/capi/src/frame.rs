@@ -148,8 +148,8 @@ impl<'a> Frame<'a> {
         let behind = self.view.pixels_xrgb.get(y0 * stride + x0..).unwrap_or(&[]);
         let view = ViewPixels { pixels_xrgb: behind, stride };
         let target = composite::Target { surface: &mut surface, surface_y0: 0, at: (0, 0) };
-        let extent =
-            Compositor { view, light: view_light, kernel }.tile(field, index, (coefficients, light), linear, target);
+        let compositor = Compositor { view, light: view_light, kernel };
+        let extent = compositor.tile((field, index), (coefficients, light), linear, &mut [], target);
         self.write_words((x0, y0), &words);
         extent
     }

@@ -20,7 +20,7 @@ use relume_firmware::weights::SunWeight;
 const _: () = assert!(RELUME_BAND_PX as usize == TILE_PX);
 
 /// The outcome of a C function's work.
-fn code(work: impl FnOnce() -> Result<(), RelumeError>) -> RelumeError {
+pub(crate) fn code(work: impl FnOnce() -> Result<(), RelumeError>) -> RelumeError {
     work().err().unwrap_or(RelumeError::None)
 }
 
@@ -55,7 +55,7 @@ unsafe fn value<'a, T>(pointer: *const T) -> Result<&'a T, RelumeError> {
 ///
 /// # Safety
 /// Unless null, `pointer` may be written as a `T`.
-unsafe fn put<T>(pointer: *mut T, value: T) -> Result<(), RelumeError> {
+pub(crate) unsafe fn put<T>(pointer: *mut T, value: T) -> Result<(), RelumeError> {
     if pointer.is_null() {
         return Err(RelumeError::NullPointer);
     }

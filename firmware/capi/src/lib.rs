@@ -5,10 +5,13 @@
 #![cfg_attr(not(test), no_std)]
 
 mod block_state;
+#[allow(unsafe_code)]
+pub mod budget;
 mod damage;
 mod frame;
 #[allow(unsafe_code)]
 pub mod interface;
+mod level;
 #[allow(unsafe_code)]
 mod memory;
 mod object;

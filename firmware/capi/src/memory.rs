@@ -1,7 +1,8 @@
-//! An object in the caller's memory: the shared part, its large parts (the weights, the sun's light on the bounce points),
-//! a state per tile, a state per block, the sun's response plane.
+//! An object in the caller's memory: the shared part, its large parts (the light, the sun's light on the bounce points), a
+//! state per tile, a state per block, the sun's response plane.
 
 use crate::block_state::{BandBlocks, BlockState};
+use crate::level::{Level, Levels, level_count};
 use crate::object::Relighting;
 use crate::tile_state::TileState;
 use crate::types::{RELUME_MEMORY_ALIGN, RelumeError};
@@ -9,7 +10,7 @@ use core::ops::Range;
 use relume_firmware::bounce::Rgb;
 use relume_firmware::field::Field;
 use relume_firmware::tile::BLOCK_TILES;
-use relume_firmware::weights::{FixedWeights, SunWeight};
+use relume_firmware::weights::SunWeight;
 
 /// An open field that relights, in the caller's memory.
 pub struct Relume {
@@ -22,14 +23,15 @@ pub struct Relume {
 }
 
 const _: () = assert!(align_of::<Relume>() <= RELUME_MEMORY_ALIGN);
-const _: () = assert!(align_of::<FixedWeights>() <= RELUME_MEMORY_ALIGN);
+const _: () = assert!(align_of::<Level>() <= RELUME_MEMORY_ALIGN);
 const _: () =
     assert!(align_of::<TileState>() <= RELUME_MEMORY_ALIGN && align_of::<BlockState>() <= RELUME_MEMORY_ALIGN);
 
 /// Byte offsets of the parts.
 #[derive(Clone, Copy)]
 pub struct Layout {
-    weights_at: usize,
+    levels_at: usize,
+    radiance_at: usize,
     means_at: usize,
     states_at: usize,
     blocks_at: usize,
@@ -43,14 +45,15 @@ impl Layout {
     pub fn new(field: &Field<'_>) -> Option<Self> {
         let response = field.response();
         let aligned = |bytes: usize| bytes.checked_next_multiple_of(RELUME_MEMORY_ALIGN);
-        let weights_at = aligned(size_of::<Relume>())?;
-        let means_at = aligned(weights_at + size_of::<FixedWeights>())?;
+        let levels_at = aligned(size_of::<Relume>())?;
+        let radiance_at = aligned(levels_at + level_count(field) * size_of::<Level>())?;
+        let means_at = aligned(radiance_at + field.patch_set().len() * size_of::<[f32; 3]>())?;
         let states_at = aligned(means_len(field).checked_mul(size_of::<Rgb>())?.checked_add(means_at)?)?;
         let blocks_at = aligned(response.tiles().checked_mul(size_of::<TileState>())?.checked_add(states_at)?)?;
         let plane_at = aligned(response.blocks().checked_mul(size_of::<BlockState>())?.checked_add(blocks_at)?)?;
         let length = aligned(response.plane_len().checked_mul(2)?.checked_add(plane_at)?)?;
         isize::try_from(length).ok()?;
-        Some(Layout { weights_at, means_at, states_at, blocks_at, plane_at, length })
+        Some(Layout { levels_at, radiance_at, means_at, states_at, blocks_at, plane_at, length })
     }
 }
 
@@ -62,14 +65,11 @@ fn means_len(field: &Field<'_>) -> usize {
 /// Writes what `make` makes to `to`, on a stack of its own, so that two large values do not lie there at once.
 ///
 /// # Safety
-/// `to` is aligned and may be written for ever, by nobody else.
+/// `to` is aligned and may be written.
 #[inline(never)]
-unsafe fn place<T>(to: *mut T, make: impl FnOnce() -> T) -> &'static mut T {
+unsafe fn place<T>(to: *mut T, make: impl FnOnce() -> T) {
     // SAFETY: this function's own contract.
-    unsafe {
-        to.write(make());
-        &mut *to
-    }
+    unsafe { to.write(make()) }
 }
 
 /// Makes an object at `memory`.
@@ -82,7 +82,15 @@ pub unsafe fn open(memory: *mut u8, layout: Layout, field: Field<'static>) -> *m
     let response = field.response();
     // SAFETY: the parts lie in the memory one after the other, each aligned, by `Layout::new`.
     unsafe {
-        let weights = place(memory.add(layout.weights_at).cast(), || FixedWeights::dark(field.patch_set().len()));
+        let (patches, count) = (field.patch_set().len(), level_count(&field));
+        let levels: *mut Level = memory.add(layout.levels_at).cast();
+        (0..count).for_each(|level| place(levels.add(level), || Level::dark(patches)));
+        let radiance: *mut [f32; 3] = memory.add(layout.radiance_at).cast();
+        radiance.write_bytes(0, patches);
+        let levels = Levels::new(
+            core::slice::from_raw_parts_mut(levels, count),
+            core::slice::from_raw_parts_mut(radiance, patches),
+        );
         let means: *mut Rgb = memory.add(layout.means_at).cast();
         means.write_bytes(0, means_len(&field));
         let means = core::slice::from_raw_parts_mut(means, means_len(&field));
@@ -96,7 +104,7 @@ pub unsafe fn open(memory: *mut u8, layout: Layout, field: Field<'static>) -> *m
             blocks.add(index).write(BlockState::new());
         }
         plane.write_bytes(0, response.plane_len());
-        let relighting = Relighting::new(field, weights, means);
+        let relighting = Relighting::new(field, levels, means);
         object.write(Relume { itself: object as usize, relighting, states, blocks, plane });
     }
     object
@@ -156,12 +164,57 @@ impl Relume {
     /// # Errors
     /// What is wrong with it; nothing has changed then.
     pub fn set_light(&mut self, radiance: &[[f32; 3]], sun: SunWeight, exposure: f32) -> Result<(), RelumeError> {
-        self.relighting.set_light(radiance, sun, exposure)?;
-        let count = self.relighting.field().response().blocks();
-        // SAFETY: `open` wrote a state for every block; the object is borrowed exclusively, and they belong to it.
-        let blocks = unsafe { core::slice::from_raw_parts_mut(self.blocks, count) };
-        blocks.iter_mut().for_each(BlockState::forget);
+        if self.relighting.set_light(radiance, sun, exposure)? {
+            self.all(|relighting, blocks, states| {
+                let response = relighting.field().response();
+                for (index, block) in blocks.iter_mut().enumerate() {
+                    let lower = relighting.may_be_lower(block.level(), response.tiles_of(index).map(|t| &states[t]));
+                    block.set_level(block.level() - usize::from(lower));
+                    relighting.prepare(block.level());
+                }
+            });
+        }
         Ok(())
+    }
+
+    /// Allows so much error in codes; `None`: whatever it comes to. Every tile is drawn anew.
+    ///
+    /// # Errors
+    /// If no frame can keep to it.
+    pub fn set_error_budget(&mut self, codes: Option<f32>) -> Result<(), RelumeError> {
+        self.relighting.set_error_budget(codes)?;
+        self.all(|_, blocks, states| {
+            blocks.iter_mut().for_each(|block| block.set_level(0));
+            states.iter_mut().filter(|state| !state.empty).for_each(TileState::forget);
+        });
+        Ok(())
+    }
+
+    /// Takes more of the way back in every block that is further off than the budget allows; how many there are.
+    pub fn restore(&mut self) -> u32 {
+        self.all(|relighting, blocks, states| {
+            let (response, mut raised) = (*relighting.field(), 0);
+            let response = response.response();
+            for (index, block) in blocks.iter_mut().enumerate() {
+                if relighting.must_be_higher(block.level(), response.tiles_of(index).map(|t| &states[t])) {
+                    block.set_level(block.level() + 1);
+                    relighting.prepare(block.level());
+                    raised += 1;
+                }
+            }
+            raised
+        })
+    }
+
+    /// Works with the states of all blocks and tiles.
+    fn all<R>(&mut self, work: impl FnOnce(&mut Relighting, &mut [BlockState], &mut [TileState]) -> R) -> R {
+        let response = self.relighting.field().response();
+        let (blocks, tiles) = (response.blocks(), response.tiles());
+        // SAFETY: `open` wrote a state for every block and tile; the object is borrowed exclusively, and they belong to it.
+        let (blocks, states) = unsafe {
+            (core::slice::from_raw_parts_mut(self.blocks, blocks), core::slice::from_raw_parts_mut(self.states, tiles))
+        };
+        work(&mut self.relighting, blocks, states)
     }
 
     /// Ends the object: its handle is refused from now on.

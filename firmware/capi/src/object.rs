@@ -3,25 +3,29 @@
 use crate::block_state::{BandBlocks, Projected};
 use crate::damage::Damage;
 use crate::frame::Frame;
+use crate::level::Levels;
 use crate::tile_state::{FrameLight, TileState};
 use crate::types::{RelumeError, RelumeRect};
 use relume_firmware::bounce::{Rgb, mean_up};
-use relume_firmware::bound::{BoundLight, CodeSlope};
+use relume_firmware::bound::CodeSlope;
+use relume_firmware::drawn::Dimmest;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
+use relume_firmware::levels::{is_error_budget, may_be_lower};
 use relume_firmware::relight::{LinearTile, TileLight};
 use relume_firmware::sunlight::SunLight;
 use relume_firmware::tile::{BLOCK_TILES, MAX_RANK, TILE_PIXELS, TILE_PX};
 use relume_firmware::tone::ViewLight;
-use relume_firmware::weights::{FixedWeights, MAX_STANDOUTS, SunWeight, standouts};
+use relume_firmware::weights::SunWeight;
 
 /// What all bands of a picture share; only [`Relighting::set_light`] changes it.
 pub struct Relighting {
     field: Field<'static>,
     kernel: Kernel,
     view_light: ViewLight,
-    weights: &'static mut FixedWeights,
-    bound_light: BoundLight,
+    levels: Levels,
+    /// Largest error allowed, codes; `None`: what it comes to.
+    error_budget: Option<f32>,
     slope: CodeSlope,
     /// Counts lights, from 1.
     light: u64,
@@ -68,13 +72,13 @@ impl Relighting {
     /// In the dark, on this machine's fastest kernel. The large parts, both of this field and without light, lie elsewhere:
     /// weights would fill a small stack on their way, and how many `means` there are is the field's affair (two for each
     /// bounce point).
-    pub fn new(field: Field<'static>, weights: &'static mut FixedWeights, means: &'static mut [Rgb]) -> Self {
+    pub fn new(field: Field<'static>, levels: Levels, means: &'static mut [Rgb]) -> Self {
         Relighting {
             field,
             kernel: Kernel::detect(),
             view_light: ViewLight::new(),
-            weights,
-            bound_light: BoundLight::DARK,
+            levels,
+            error_budget: None,
             slope: CodeSlope::new(),
             light: 1,
             sun_dir_world: None,
@@ -92,12 +96,12 @@ impl Relighting {
 
     /// Patches without light.
     pub fn patches_dark(&self) -> usize {
-        self.weights.dark_patches()
+        self.levels.get(0).weights.dark_patches()
     }
 
     /// Patches shown by their own rows.
     pub fn patches_apart(&self) -> usize {
-        self.weights.apart().count()
+        self.levels.get(0).weights.apart().count()
     }
 
     /// A call's bound; NaN where the field has none.
@@ -105,19 +109,47 @@ impl Relighting {
         if self.field.bounds().is_some() { tally.bound } else { (f32::NAN, f32::NAN) }
     }
 
-    /// Takes the light of a moment. A sun at or below the horizon, or without irradiance, is none.
+    /// Allows so much error in codes; `None`: whatever it comes to.
+    ///
+    /// # Errors
+    /// If no frame can keep to it.
+    pub fn set_error_budget(&mut self, codes: Option<f32>) -> Result<(), RelumeError> {
+        if codes.is_some_and(|codes| !is_error_budget(codes) || self.field.bounds().is_none()) {
+            return Err(RelumeError::Budget);
+        }
+        self.error_budget = codes;
+        Ok(())
+    }
+
+    /// May a block on this level, whose tiles are these, try one level less?
+    pub fn may_be_lower<'a>(&self, level: usize, mut tiles: impl Iterator<Item = &'a TileState>) -> bool {
+        let Some(codes) = self.error_budget else { return false };
+        level > 0 && tiles.all(|tile| tile.empty || may_be_lower(tile.shown_bound.1, codes))
+    }
+
+    /// Is a block on this level, whose tiles are these, further off than it may be, and does the field have more?
+    pub fn must_be_higher<'a>(&self, level: usize, mut tiles: impl Iterator<Item = &'a TileState>) -> bool {
+        let Some(codes) = self.error_budget else { return false };
+        level < self.levels.top() && tiles.any(|tile| !tile.empty && tile.shown_bound.1 > codes)
+    }
+
+    /// Makes a level ready for the newest light.
+    pub fn prepare(&mut self, level: usize) {
+        self.levels.prepare(&self.field, level);
+    }
+
+    /// Takes the light of a moment. A sun at or below the horizon, or without irradiance, is none. `false`: it is the same
+    /// as before.
     ///
     /// # Errors
     /// What is wrong with it; nothing has changed then.
-    pub fn set_light(&mut self, radiance: &[[f32; 3]], sun: SunWeight, exposure: f32) -> Result<(), RelumeError> {
+    pub fn set_light(&mut self, radiance: &[[f32; 3]], sun: SunWeight, exposure: f32) -> Result<bool, RelumeError> {
         // Whatever is not nothing goes to the weights, which refuse what is no sun.
         let sun = Some(sun).filter(|sun| sun.irradiance.iter().any(|&e| e != 0.0));
-        let mut apart = [0u16; MAX_STANDOUTS];
-        let count = if self.field.way_back().bytes() > 0 { standouts(radiance, &mut apart) } else { 0 };
-        self.weights.set(radiance, sun.as_ref(), exposure, &apart[..count])?;
-        if let Some(bounds) = self.field.bounds() {
-            bounds.light(self.weights, &mut self.bound_light);
+        if self.levels.is(radiance, sun, exposure) {
+            return Ok(false);
         }
+        self.levels.set(&self.field, radiance, sun, exposure)?;
         let sun = sun.filter(|sun| sun.dir_world[1] >= 0.0);
         self.light += 1;
         self.sun_is_up = sun.is_some();
@@ -126,7 +158,7 @@ impl Relighting {
         {
             self.look_at_sun(dir_world);
         }
-        Ok(())
+        Ok(true)
     }
 
     /// Looks at a new sun from every bounce point. Every tile's indirect light takes from points all over the scene, so
@@ -186,13 +218,12 @@ impl Relighting {
         frame: &Frame<'_>,
         damage: &mut Damage<'_>,
     ) -> Tally {
-        let sun = self.sun_is_up.then_some((plane, self.weights.sun_q16()));
-        let light = TileLight { sun, weights: self.weights, unpacked: &[] };
+        let sun = self.sun_is_up.then_some((plane, self.levels.get(0).weights.sun_q16()));
         let mut tally = Tally::default();
         let mut linear = LinearTile::new();
         for (column, state) in states.iter_mut().enumerate() {
             let index = self.first_tile(band) + column;
-            let stays = self.bring_up_to_date(index, (state, &mut blocks), &light, frame, &mut linear);
+            let stays = self.bring_up_to_date(index, (state, &mut blocks), sun, frame, &mut linear);
             if !stays {
                 let at = (column * TILE_PX, band * TILE_PX);
                 let (width, height) = frame.tile_size(at);
@@ -216,38 +247,47 @@ impl Relighting {
         &self,
         index: usize,
         (state, blocks): (&mut TileState, &mut BandBlocks<'_>),
-        light: &TileLight<'_>,
+        sun: Option<(&[u16], [u32; 3])>,
         frame: &Frame<'_>,
         linear: &mut LinearTile,
     ) -> bool {
-        let in_place = !frame.redraw && state.in_place(frame.target(), frame.view());
-        if in_place && state.shows_light(self.light) {
-            return true;
-        }
         let columns = self.field.response().grid().0;
         let (row, column) = (index / columns, index % columns);
+        let level = if state.empty { 0 } else { blocks.level(column / BLOCK_TILES) };
+        let in_place = !frame.redraw && state.in_place(frame.target(), frame.view());
+        if in_place && state.shows_light(self.light, level) {
+            return true;
+        }
         let projected = match state.empty {
             true => &Projected::DARK,
-            false => blocks.get(column / BLOCK_TILES, |projected| self.project(index, projected)),
+            false => blocks.get(column / BLOCK_TILES, |projected| self.project((index, level), projected)),
         };
-        let sun_q16 = light.sun.map_or([0; 3], |(_, q16)| q16);
-        let frame_light = FrameLight { number: self.light, sun_q16, weights: self.weights, slope: &self.slope };
+        let weights = &self.levels.get(level).weights;
+        let light = TileLight { sun, weights, unpacked: &[] };
+        let sun_q16 = sun.map_or([0; 3], |(_, q16)| q16);
+        let frame_light = FrameLight { number: self.light, level, sun_q16, weights, slope: &self.slope };
         if in_place && state.may_stay(&self.field, index, projected, frame_light) {
             return true;
         }
         let at = (column * TILE_PX, row * TILE_PX);
         let (tile, with) = ((&self.field, index), (&self.view_light, self.kernel));
-        let extent = frame.relight_tile(tile, at, (&projected.coefficients, light), with, linear);
-        state.note_drawn(tile, projected, (frame_light, extent), (frame.target(), frame.view()));
+        let extent = frame.relight_tile(tile, at, (&projected.coefficients, &light), with, linear);
+        let mut dimmest = Dimmest::of_extent(extent);
+        if self.error_budget.is_some() && !state.empty {
+            // An error budget is worth a second look: a dark pixel of a dark row is not at fault.
+            projected.coefficients.pixels(&self.field, index, &light, self.kernel, linear);
+            dimmest = dimmest.with_pixels(&self.field.response().tile(index), linear);
+        }
+        state.note_drawn(tile, projected, (frame_light, dimmest), (frame.target(), frame.view()));
         false
     }
 
-    /// Projects the light on the block of a tile with geometry.
-    fn project(&self, index: usize, projected: &mut Projected) {
-        let response = self.field.response();
-        projected.coefficients.project(&response.tile(index), self.weights, self.kernel, MAX_RANK);
+    /// Projects the light of a level on the block of a tile with geometry.
+    fn project(&self, (index, level): (usize, usize), projected: &mut Projected) {
+        let (response, level) = (self.field.response(), self.levels.get(level));
+        projected.coefficients.project(&response.tile(index), &level.weights, self.kernel, MAX_RANK);
         if let Some(bounds) = self.field.bounds() {
-            projected.bound = bounds.block(response.block_of(index), &self.bound_light);
+            projected.bound = bounds.block(response.block_of(index), &level.bound);
         }
     }
 }

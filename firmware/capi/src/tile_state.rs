@@ -6,7 +6,6 @@ use relume_firmware::bound::CodeSlope;
 use relume_firmware::coefficients::TileReach;
 use relume_firmware::drawn::{Dimmest, DrawnTile, HALF_CODE, Off, ShownLight, SunDrift, dark_shares};
 use relume_firmware::field::Field;
-use relume_firmware::kernel::Extent;
 use relume_firmware::tile::TILE_PIXELS;
 use relume_firmware::weights::FixedWeights;
 
@@ -15,6 +14,8 @@ use relume_firmware::weights::FixedWeights;
 pub struct FrameLight<'a> {
     /// The light's number.
     pub number: u64,
+    /// The level of the way back that it is taken from.
+    pub level: usize,
     /// The sun's weight; 0: no sun.
     pub sun_q16: [u32; 3],
     /// Patches apart: shown by their own rows.
@@ -39,6 +40,8 @@ pub struct TileState {
     place: Option<Place>,
     /// Number of the light that the tile was last found to show, or near enough; 0: none.
     judged_light: u64,
+    /// The level that it was drawn from.
+    level: usize,
     /// Number of the sun's direction that the tile's plane was traced for; 0: none.
     pub traced_sun: u64,
     sun: SunDrift,
@@ -59,6 +62,7 @@ impl TileState {
             drawn: DrawnTile::NOTHING,
             place: None,
             judged_light: 0,
+            level: 0,
             traced_sun: 0,
             sun: SunDrift::default(),
             dark_shares: dark_shares(&tile),
@@ -66,6 +70,11 @@ impl TileState {
             shows_view: tile.pixels() < TILE_PIXELS || field.coverage(index).is_some(),
             empty: tile.pixels() == 0,
         }
+    }
+
+    /// Forgets what was drawn.
+    pub fn forget(&mut self) {
+        self.place = None;
     }
 
     /// Takes a new response to the sun of direction number `sun` over the old one.
@@ -86,14 +95,15 @@ impl TileState {
         self.place.is_some_and(|(at, over)| at == target && (!self.shows_view || over == view))
     }
 
-    /// Does the tile show light number `light` already?
-    pub fn shows_light(&self, light: u64) -> bool {
-        self.empty || self.judged_light == light
+    /// Does the tile show light number `light` from this level already?
+    pub fn shows_light(&self, light: u64, level: usize) -> bool {
+        self.empty || (self.judged_light == light && self.level == level)
     }
 
     /// Would the tile change by less than half a code? Remembers it if so, and how right the tile still is.
     pub fn may_stay(&mut self, field: &Field<'_>, index: usize, projected: &Projected, light: FrameLight<'_>) -> bool {
-        if self.place.is_none() {
+        // With as many patches apart as on higher levels only the same light can be compared.
+        if self.place.is_none() || self.level > 0 || light.level > 0 {
             return false;
         }
         // No room for a table of reaches: the worst that a tile can have.
@@ -111,13 +121,13 @@ impl TileState {
         &mut self,
         tile: (&Field<'_>, usize),
         projected: &Projected,
-        (light, extent): (FrameLight<'_>, Extent),
+        (light, dimmest): (FrameLight<'_>, Dimmest),
         place: Place,
     ) {
         let all = (&projected.coefficients, &projected.bound);
-        self.drawn.set(tile, &light.on(projected), all, Dimmest::of_extent(extent));
+        self.drawn.set(tile, &light.on(projected), all, dimmest);
         self.place = Some(place);
-        self.judged_light = light.number;
+        (self.judged_light, self.level) = (light.number, light.level);
         self.sun.reset();
         self.note_bound(light.slope, &Off::default());
     }

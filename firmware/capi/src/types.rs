@@ -72,6 +72,8 @@ pub enum RelumeError {
     Flags = 19,
     /// A view where none can be used (premultiplied format), or one that overlaps the buffer drawn on.
     View = 20,
+    /// An error budget that is not more than 0.55 codes, or is asked of a field without bounds.
+    Budget = 21,
 }
 
 /// A field's facts.
@@ -258,6 +260,7 @@ impl RelumeError {
             18 => c"unknown pixel format",
             19 => c"unknown flag",
             20 => c"a view with a premultiplied format, or one that overlaps the buffer",
+            21 => c"an error budget must be more than 0.55 codes, and the field must have bounds; 0 for none",
             _ => c"unknown error code",
         }
     }

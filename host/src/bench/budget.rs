@@ -1,7 +1,5 @@
 //! What Relume is allowed per frame in a run.
 
-use std::time::Duration;
-
 use crate::relight::{self, BudgetError, Relighter};
 
 /// A budget per frame.
@@ -13,8 +11,6 @@ pub enum Budget {
     AllRanks,
     /// At most this error of an 8-bit code, certified.
     Codes(f32),
-    /// At most so many milliseconds.
-    Milliseconds(f64),
 }
 
 impl Budget {
@@ -23,14 +19,9 @@ impl Budget {
     /// The errors of a run.
     pub const ERRORS: [Budget; 3] = [Budget::Codes(4.0), Budget::Codes(2.0), Budget::Codes(1.5)];
 
-    /// The times of a run: half of what all ranks take, as much, and twice as much.
-    pub fn times(all_ranks_ms: f64) -> [Budget; 3] {
-        [0.5, 1.0, 2.0].map(|share| Budget::Milliseconds(share * all_ranks_ms))
-    }
-
     /// Does a relighter under it learn from one frame to the next, so that it needs one of its own?
     pub fn learns(self) -> bool {
-        matches!(self, Budget::Codes(_) | Budget::Milliseconds(_))
+        matches!(self, Budget::Codes(_))
     }
 
     /// Makes `relighter` keep to it from the next weights on. An error budget starts from scratch: what earlier weights
@@ -45,11 +36,9 @@ impl Budget {
         relighter.set_budget(match self {
             Budget::Ranks(_) | Budget::AllRanks => relight::Budget::Field,
             Budget::Codes(codes) => relight::Budget::ErrorCodes(codes),
-            Budget::Milliseconds(ms) => relight::Budget::Time(Duration::from_secs_f64(ms.max(0.0) / 1e3)),
         })?;
         match self {
             Budget::Ranks(ranks) => relighter.set_rank_limit(Some(ranks)),
-            Budget::Milliseconds(_) => {}
             Budget::AllRanks | Budget::Codes(_) => relighter.set_rank_limit(None),
         }
         Ok(())
@@ -70,7 +59,6 @@ impl std::fmt::Display for Budget {
             Budget::Ranks(ranks) => write!(f, "{ranks} ranks"),
             Budget::AllRanks => f.write_str("all ranks"),
             Budget::Codes(codes) => write!(f, "error {codes} codes"),
-            Budget::Milliseconds(ms) => write!(f, "time {ms:.3} ms"),
         }
     }
 }
@@ -80,10 +68,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_are_shares_of_all_ranks() {
-        let names = Budget::times(3.0).map(|budget| budget.to_string());
-        assert_eq!(names, ["time 1.500 ms", "time 3.000 ms", "time 6.000 ms"]);
-        assert!(Budget::times(3.0).iter().chain(&Budget::ERRORS).all(|budget| budget.learns()));
+    fn only_error_budgets_learn() {
+        assert!(Budget::ERRORS.iter().all(|budget| budget.learns()));
         assert!(!Budget::RANKS.iter().any(|budget| budget.learns()));
+        assert_eq!(Budget::ERRORS[0].to_string(), "error 4 codes");
     }
 }

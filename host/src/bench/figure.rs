@@ -4,7 +4,8 @@ use super::report::{BenchReport, MethodReport, RELUME_NAME};
 use crate::plot::{Axis, Chart, Series};
 
 /// CPU time per frame (one thread, in cache) against the worst relative RMSE under the sky's light alone, both logarithmic,
-/// each method a line over its budgets; Relume's ranks with the sun up as well, its error and time budgets as points. `None` if no error was measured.
+/// each method a line over its budgets; Relume's ranks with the sun up as well, its error budgets as points.
+/// `None` if no error was measured.
 pub fn figure(report: &BenchReport) -> Option<Chart> {
     let timing = |m: &MethodReport| report.in_cache.timing(&m.name, m.budget.as_deref(), 1);
     let point = |ms: Option<f64>, m: &MethodReport, rmse: Option<f64>| {
@@ -32,7 +33,6 @@ pub fn figure(report: &BenchReport) -> Option<Chart> {
         all.into_iter().fold(chart, |chart, (name, points)| {
             chart.with(match name.as_str() {
                 BY_ERROR => Series::scatter(name, points),
-                BY_TIME => Series::scatter(name, points).with_color(0x8c, 0x56, 0x4b),
                 SUN_UP => Series::line(name, points).with_markers().with_color(0x7a, 0xb8, 0x00),
                 _ => Series::line(name, points).with_markers(),
             })
@@ -42,14 +42,12 @@ pub fn figure(report: &BenchReport) -> Option<Chart> {
 
 const SUN_UP: &str = "relume, sun up";
 const BY_ERROR: &str = "relume, error budgets";
-const BY_TIME: &str = "relume, time budgets";
 
 /// The series that a method at its budget belongs to.
 fn series_name(method: &MethodReport) -> String {
     let kind = method.budget.as_deref().and_then(|budget| budget.split(' ').next());
     match kind {
         Some("error") => BY_ERROR.to_owned(),
-        Some("time") => BY_TIME.to_owned(),
         _ => method.name.clone(),
     }
 }
@@ -69,7 +67,6 @@ mod tests {
         };
         assert!(Budget::RANKS.iter().all(|budget| name(*budget) == RELUME_NAME));
         assert!(Budget::ERRORS.iter().all(|budget| name(*budget) == BY_ERROR));
-        assert!(Budget::times(1.0).iter().all(|budget| name(*budget) == BY_TIME));
     }
 
     #[test]

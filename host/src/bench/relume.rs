@@ -6,7 +6,7 @@ use std::rc::Rc;
 use relume_firmware::field::Field;
 
 use super::budget::Budget;
-use super::clock::{cpu_s, median};
+use super::clock::cpu_s;
 use super::facts;
 use super::method::{BenchSky, Method, Shown};
 use super::report::RELUME_NAME;
@@ -89,25 +89,7 @@ impl<'f> Relume<'f> {
         shared.project(sky, self.budget)?;
         Ok(shared.radiance(&self.covered))
     }
-
-    /// Median CPU milliseconds of a full frame, of three rounds over the skies.
-    ///
-    /// # Errors
-    /// If the weights are refused.
-    pub fn frame_ms(&mut self, skies: &[BenchSky]) -> anyhow::Result<f64> {
-        self.warm_up(skies)?;
-        let mut took = Vec::with_capacity(3 * skies.len());
-        for sky in skies.iter().cycle().take(3 * skies.len()) {
-            let start = cpu_s();
-            self.frame(sky)?;
-            took.push(1e3 * (cpu_s() - start));
-        }
-        Ok(median(&took))
-    }
 }
-
-/// Frames after which a time budget has settled.
-const SETTLED: usize = 12;
 
 /// CPU seconds that tracing the sun takes on one thread after it has moved; not part of a frame with the sun at rest.
 ///
@@ -167,8 +149,7 @@ impl Method for Relume<'_> {
     }
 
     fn show(&mut self, sky: &BenchSky) -> anyhow::Result<Shown> {
-        let frames = if matches!(self.budget, Budget::Milliseconds(_)) { SETTLED } else { 1 };
-        (0..frames).try_for_each(|_| self.frame(sky))?;
+        self.frame(sky)?;
         let mut shared = self.shared.borrow_mut();
         let radiance = shared.radiance(&self.covered);
         let codes = self.covered.iter().map(|&at| {

@@ -1,4 +1,5 @@
-//! What skipping saves: small changes of a clear sky, a sky that clouds over, a still sky. Pictures are compared with
+//! What skipping saves: small changes of a clear sky, a sky that clouds over, a still sky, without
+//! and with a live view. Pictures are compared with
 //! those of a second relighter that skips nothing; no stack is needed.
 
 use anyhow::Context;
@@ -8,6 +9,7 @@ use serde::Serialize;
 
 use super::clock::median;
 use super::error::{exposure_for, unrounded_code};
+use super::intime::{self, InTime};
 use super::oracle::Oracle;
 use super::stage::Stage;
 use super::tilemap::TileMap;
@@ -43,6 +45,10 @@ pub struct SkippingReport {
     pub clear_to_overcast: Ramp,
     /// The same weights again.
     pub still_sky: Still,
+    /// The same before a view that changes with every frame.
+    pub live_view: Still,
+    /// From clear to overcast within time budgets.
+    pub in_time: Vec<InTime>,
 }
 
 /// Small changes of the sky in 12 directions.
@@ -67,6 +73,8 @@ pub struct NearestPatches {
 pub struct Counts {
     /// Tiles drawn.
     pub tiles_drawn: f64,
+    /// Tiles of which only the view behind was changed.
+    pub tiles_composited: f64,
     /// Tiles kept.
     pub tiles_kept: f64,
     /// Blocks projected from scratch.
@@ -112,6 +120,7 @@ impl Counts {
         };
         Counts {
             tiles_drawn: mean(|c| c.tiles_drawn),
+            tiles_composited: mean(|c| c.tiles_composited),
             tiles_kept: mean(|c| c.tiles_kept),
             blocks_projected: mean(|c| c.blocks_projected),
             blocks_stepped: mean(|c| c.blocks_stepped),
@@ -120,14 +129,15 @@ impl Counts {
     }
 }
 
-struct Trial<'a> {
+/// A relighter that skips, and one that does not.
+pub(super) struct Trial<'a> {
     covered: &'a [u32],
     map: TileMap,
     /// Skips.
     stage: Stage<'a>,
     /// Skips nothing.
     other: Stage<'a>,
-    exposure: f32,
+    pub(super) exposure: f32,
 }
 
 /// Measures from a clear sky towards an overcast one. A sun stays where it is.
@@ -147,6 +157,7 @@ pub fn run(
     let full = (0..STILL_FRAMES).map(|_| Ok(trial.stage.full_frame(clear, exposure)?.0));
     let full_s = median(&full.collect::<anyhow::Result<Vec<f64>>>()?);
     let still = trial.still(clear, full_s)?;
+    let live = live_view(Stage::new(field), (clear, exposure), full_s)?;
     let changes = |&factor: &f64| trial.nearest(field.patch_set(), clear, factor);
     Ok(SkippingReport {
         has_sun: clear.sun.is_some(),
@@ -155,16 +166,32 @@ pub fn run(
         nearest_patches: FACTORS.iter().map(changes).collect::<anyhow::Result<_>>()?,
         clear_to_overcast: trial.ramp(clear, overcast)?,
         still_sky: still,
+        live_view: live,
+        in_time: intime::run(&mut trial, field, (clear, overcast), full_s)?,
     })
+}
+
+/// A still sky before a live view. The stage is its own: what a live view needs is kept from its second picture on.
+fn live_view(mut stage: Stage<'_>, (sky, exposure): (&PatchWeights, f32), full_s: f64) -> anyhow::Result<Still> {
+    for _ in 0..2 {
+        stage.frame_of_live_view(sky, exposure)?;
+    }
+    let frames = (0..STILL_FRAMES).map(|_| stage.frame_of_live_view(sky, exposure));
+    Ok(Still::of(frames.collect::<anyhow::Result<Vec<_>>>()?, full_s))
+}
+
+impl Still {
+    fn of(frames: Vec<(f64, FrameCounters)>, full_s: f64) -> Self {
+        let (took, counters): (Vec<f64>, Vec<FrameCounters>) = frames.into_iter().unzip();
+        let seconds = median(&took);
+        Still { cpu_ms: 1e3 * seconds, share_of_full_frame: seconds / full_s, counters: Counts::mean(&counters) }
+    }
 }
 
 impl Trial<'_> {
     fn still(&mut self, sky: &PatchWeights, full_s: f64) -> anyhow::Result<Still> {
         let frames = (0..STILL_FRAMES).map(|_| self.stage.frame(sky, self.exposure));
-        let (took, counters): (Vec<f64>, Vec<FrameCounters>) =
-            frames.collect::<anyhow::Result<Vec<_>>>()?.into_iter().unzip();
-        let seconds = median(&took);
-        Ok(Still { cpu_ms: 1e3 * seconds, share_of_full_frame: seconds / full_s, counters: Counts::mean(&counters) })
+        Ok(Still::of(frames.collect::<anyhow::Result<Vec<_>>>()?, full_s))
     }
 
     fn nearest(&mut self, set: &PatchSet, clear: &PatchWeights, factor: f64) -> anyhow::Result<NearestPatches> {
@@ -221,6 +248,16 @@ impl Trial<'_> {
         })
     }
 
+    /// Largest distance of a covered pixel's code in this picture from that before rounding with nothing skipped.
+    pub(super) fn code_error(&mut self, sky: &PatchWeights, pixels_xrgb: &[u32]) -> anyhow::Result<f64> {
+        let codes = self.codes(sky)?;
+        let pixels = self.covered.iter().map(|&at| pixels_xrgb[at as usize].to_be_bytes());
+        let off = pixels.zip(&codes).flat_map(|([_, rgb @ ..], exact)| {
+            rgb.into_iter().zip(exact).map(|(shown, &exact)| (f64::from(shown) - f64::from(exact)).abs())
+        });
+        Ok(off.fold(0.0, f64::max))
+    }
+
     /// Codes of the covered pixels, before rounding, with nothing skipped.
     fn codes(&mut self, sky: &PatchWeights) -> anyhow::Result<Vec<[f32; 3]>> {
         let exposure = f64::from(self.exposure);
@@ -250,7 +287,7 @@ fn nearest(set: &PatchSet, to: [f32; 3]) -> Vec<usize> {
 }
 
 /// `share` of the way from one sky to another; the sun stays where `from` has it.
-fn mix(from: &PatchWeights, to: &PatchWeights, share: f32) -> PatchWeights {
+pub(super) fn mix(from: &PatchWeights, to: &PatchWeights, share: f32) -> PatchWeights {
     let between = |a: [f32; 3], b: [f32; 3]| std::array::from_fn(|c| a[c] + share * (b[c] - a[c]));
     let sun = from.sun.map(|sun| {
         let end = to.sun.map_or([0.0; 3], |to| to.irradiance);
@@ -279,19 +316,26 @@ impl std::fmt::Display for SkippingReport {
                 n.counters.patches_changed
             )?;
         }
-        let (ramp, still) = (&self.clear_to_overcast, &self.still_sky);
+        let (ramp, still, live) = (&self.clear_to_overcast, &self.still_sky, &self.live_view);
         writeln!(
             f,
             "clear to overcast: tiles drawn {}, by an oracle {}, {:.2}x; {:.3} ms a frame\n\
-             still sky: {:.4} ms, {:.2} % of a full frame; tiles kept {:.0}",
+             still sky: {:.4} ms, {:.2} % of a full frame; tiles kept {:.0}\n\
+             still sky, live view: {:.4} ms, {:.2} % of a full frame; tiles composited {:.0}, kept {:.0}, drawn {:.0}",
             ramp.tiles_drawn,
             ramp.tiles_drawn_by_oracle,
             ramp.times_oracle.unwrap_or(f64::NAN),
             ramp.cpu_ms,
             still.cpu_ms,
             100.0 * still.share_of_full_frame,
-            still.counters.tiles_kept
-        )
+            still.counters.tiles_kept,
+            live.cpu_ms,
+            100.0 * live.share_of_full_frame,
+            live.counters.tiles_composited,
+            live.counters.tiles_kept,
+            live.counters.tiles_drawn
+        )?;
+        self.in_time.iter().try_for_each(|budget| write!(f, "{budget}"))
     }
 }
 

@@ -46,6 +46,19 @@ impl<'f> Stage<'f> {
         self.frame(weights, exposure)
     }
 
+    /// The same after the view has changed, as a live one does with every frame. Whoever fills it in pays for that.
+    ///
+    /// # Errors
+    /// If the weights are refused.
+    pub fn frame_of_live_view(
+        &mut self,
+        weights: &PatchWeights,
+        exposure: f32,
+    ) -> anyhow::Result<(f64, FrameCounters)> {
+        self.view.pixels_mut();
+        self.frame(weights, exposure)
+    }
+
     /// Linear radiance of the pixels at `covered` under `weights`.
     ///
     /// # Errors

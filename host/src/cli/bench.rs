@@ -53,9 +53,12 @@ bound below the true error is a failure (exit code 1).
                                      nearest_patches[] (the 13 nearest to each of 12 directions, x factor):
                                      times_less_than_full_frame_{median,worst}, cpu_ms, tiles_drawn_by_oracle;
                                      clear_to_overcast (10 s, 30 frames a second): frames, tiles_drawn,
-                                     tiles_drawn_by_oracle, times_oracle, cpu_ms; still_sky: cpu_ms,
-                                     share_of_full_frame; and in each counters: tiles_{drawn,kept},
-                                     blocks_{projected,stepped}, patches_changed (means of the frames)
+                                     tiles_drawn_by_oracle, times_oracle, cpu_ms; still_sky, and live_view (a view that
+                                     changes with every frame before it): cpu_ms, share_of_full_frame; and in each
+                                     counters: tiles_{drawn,composited,kept}, blocks_{projected,stepped},
+                                     patches_changed (means of the frames);
+                                     in_time[] (clear_to_overcast within a time): share_of_full_frame, allowed_ms, cpu_ms,
+                                     cpu_ms_95th, tiles_waiting, {bound,error}_codes_worst, frames_until_finished
   rmse, shares and times faster are plain fractions; times are medians over frames
 ",
     act,

@@ -10,7 +10,9 @@ pub enum Budget {
     Field,
     /// The largest error of an 8-bit code, against the uncompressed response; the frame takes the time it takes.
     ErrorCodes(f32),
-    /// The time of a frame; the error is what it gets to, and the counters say which bound that is.
+    /// The time of a frame, from the weights to the picture. Tiles that would not get done wait for the next frames as they
+    /// are, those that would change least, and the counters' bound says how far they are off. What has never been drawn
+    /// does not wait.
     Time(Duration),
 }
 
@@ -28,39 +30,34 @@ pub enum BudgetError {
     NoBounds,
 }
 
-/// Finds the ranks that fit into a time, from what the frames before took.
-#[derive(Clone, Copy, Debug)]
+/// Frames that a tile's time is learned from.
+const FRAMES: usize = 5;
+/// However little time there is, one tile in so many is drawn, so that every picture is finished some day.
+const SLOWEST: usize = 16;
+
+/// How long a tile takes, from the frames before: the median, which a frame that was interrupted does not move.
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pace {
-    /// Ranks allowed per tile; `None`: all.
-    pub(super) rank_limit: Option<usize>,
-    largest_rank: usize,
+    tile_s: [f64; FRAMES],
+    frames: usize,
 }
 
-/// Share of the time that must be free before a rank more is tried.
-const ROOM: f64 = 0.75;
-
 impl Pace {
-    pub(super) fn new(largest_rank: usize) -> Self {
-        Pace { rank_limit: None, largest_rank: largest_rank.max(2) }
-    }
-
-    /// Forgets all limits.
-    pub(super) fn free(&mut self) {
-        self.rank_limit = None;
-    }
-
-    /// Learns from a frame that drew everything in `took`.
-    pub(super) fn follow(&mut self, took: Duration, allowed: Duration) {
-        let share = took.as_secs_f64() / allowed.as_secs_f64().max(1e-9);
-        let now = self.rank_limit.unwrap_or(self.largest_rank);
-        if share > 1.0 {
-            // Ranks are only a part of a frame's cost: go down at least one step.
-            let fit = (now as f64 / share) as usize & !1;
-            self.rank_limit = Some(fit.min(now.saturating_sub(2)).max(2));
-        } else if share < ROOM {
-            let next = now + 2;
-            self.rank_limit = (next < self.largest_rank).then_some(next);
+    /// Learns from a frame that drew `tiles` tiles in `took`.
+    pub(super) fn follow(&mut self, took: Duration, tiles: usize) {
+        if tiles > 0 {
+            self.tile_s[self.frames % FRAMES] = took.as_secs_f64() / tiles as f64;
+            self.frames += 1;
         }
+    }
+
+    /// Tiles that get done in `left` on the field's `tiles`. The more time, the more tiles; all while nothing is known.
+    pub(super) fn tiles_in(&self, left: Duration, tiles: usize) -> usize {
+        let mut known = self.tile_s;
+        let known = &mut known[..self.frames.min(FRAMES)];
+        known.sort_unstable_by(f64::total_cmp);
+        let least = tiles.div_ceil(SLOWEST);
+        known.get(known.len() / 2).map_or(tiles, |tile_s| ((left.as_secs_f64() / tile_s) as usize).clamp(least, tiles))
     }
 }
 
@@ -69,19 +66,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranks_follow_the_time() {
-        let mut pace = Pace::new(20);
+    fn more_time_is_never_fewer_tiles() {
         let ms = Duration::from_millis;
-        pace.follow(ms(20), ms(10));
-        assert_eq!(pace.rank_limit, Some(10));
-        pace.follow(ms(9), ms(10));
-        assert_eq!(pace.rank_limit, Some(10));
-        pace.follow(ms(30), ms(10));
-        pace.follow(ms(30), ms(10));
-        assert_eq!(pace.rank_limit, Some(2));
-        for _ in 0..10 {
-            pace.follow(ms(1), ms(10));
+        let mut pace = Pace::default();
+        assert_eq!(pace.tiles_in(ms(0), 64), 64, "nothing is known yet");
+        // 0.1 ms a tile, and one frame that something came between.
+        for took in [2, 2, 90, 2] {
+            pace.follow(ms(took), 20);
         }
-        assert_eq!(pace.rank_limit, None);
+        pace.follow(ms(7), 0);
+        let tiles: Vec<usize> = [0, 1, 3, 5, 6, 7, 100].map(|left| pace.tiles_in(ms(left), 64)).to_vec();
+        assert_eq!(tiles, [4, 10, 30, 50, 60, 64, 64]);
     }
 }

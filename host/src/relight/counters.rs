@@ -9,6 +9,10 @@ pub struct FrameCounters {
     pub tiles_empty: usize,
     /// Tiles drawn.
     pub tiles_drawn: usize,
+    /// Tiles with geometry whose light was left as it was, and only the view behind was changed.
+    pub tiles_composited: usize,
+    /// Tiles with geometry that changed but wait for a later frame, because a time budget left none for them.
+    pub tiles_waiting: usize,
     /// Tiles with geometry left as they were, because they would change by less than half a code.
     pub tiles_kept: usize,
     /// Tiles whose block took more of the way back than the patches that outshine the sky.

@@ -16,6 +16,8 @@ use relume_firmware::tile::{BLOCK_TILES, TILE_PX};
 pub(super) struct Drew {
     pub(super) drawn: usize,
     pub(super) kept: usize,
+    pub(super) composited: usize,
+    pub(super) waiting: usize,
     pub(super) empty: usize,
     pub(super) way_back: usize,
     pub(super) bound_linear: f32,
@@ -27,12 +29,24 @@ impl Drew {
         Drew {
             drawn: self.drawn + other.drawn,
             kept: self.kept + other.kept,
+            composited: self.composited + other.composited,
+            waiting: self.waiting + other.waiting,
             empty: self.empty + other.empty,
             way_back: self.way_back + other.way_back,
             bound_linear: self.bound_linear.max(other.bound_linear),
             bound_codes: self.bound_codes.max(other.bound_codes),
         }
     }
+}
+
+/// What becomes of a tile.
+enum Fate {
+    /// It stays as it is.
+    Stays,
+    /// Its light stays; another view is put behind it.
+    ChangesView,
+    /// It is drawn.
+    IsDrawn,
 }
 
 /// What all bands of a frame share.
@@ -45,6 +59,8 @@ pub(super) struct Drawing<'a> {
     pub(super) unpacked: &'a [UnpackedRows<'a>],
     /// Is there an error budget?
     pub(super) for_error: bool,
+    /// Is there a time budget? Then it is known what is drawn.
+    pub(super) for_time: bool,
     pub(super) slope: &'a CodeSlope,
     pub(super) view: u64,
     pub(super) rank_limit: Option<usize>,
@@ -67,31 +83,25 @@ impl Drawing<'_> {
             let block = &self.blocks[row / BLOCK_TILES * across + column / BLOCK_TILES];
             drew.empty += usize::from(state.empty);
             let limited = self.limited(block);
-            let coefficients = limited.as_ref().unwrap_or(&block.coefficients);
-            let weights = &self.levels.get(block.level).weights;
-            let shown = ShownLight { coefficients, weights, sun_q16: self.sun_q16() };
-            if state.unchanged(index, self, block.level, &shown) {
-                drew.kept += usize::from(!state.empty);
-            } else {
-                let response = self.field.response();
-                if index + 1 < response.tiles() {
-                    Coefficients::prefetch_pixels(&response.tile(index + 1), self.compositor.kernel);
+            let shown = self.light(block, limited.as_ref());
+            if !self.for_time {
+                state.judge(index, self, block.level, &shown);
+            }
+            let one = usize::from(!state.empty);
+            let at = (column * TILE_PX, row * TILE_PX);
+            let target = Target { surface: &mut surface, surface_y0: row * TILE_PX, at };
+            match self.fate(state) {
+                Fate::Stays if state.waits => drew.waiting += one,
+                Fate::Stays => drew.kept += one,
+                Fate::ChangesView => {
+                    self.compositor.view_alone((self.field, index), state.change_view(self.view), &mut linear, target);
+                    *(if state.waits { &mut drew.waiting } else { &mut drew.composited }) += one;
                 }
-                let light = TileLight { sun: self.sun, weights, unpacked: self.unpacked };
-                let target =
-                    Target { surface: &mut surface, surface_y0: row * TILE_PX, at: (column * TILE_PX, row * TILE_PX) };
-                let extent = self.compositor.tile(self.field, index, (coefficients, &light), &mut linear, target);
-                if state.empty || self.levels.bounds_on() {
-                    let mut dimmest = Dimmest::of_extent(extent);
-                    if self.for_error && !state.empty {
-                        // An error budget is worth a second look: a dark pixel of a dark row is not at fault.
-                        coefficients.pixels(self.field, index, &light, self.compositor.kernel, &mut linear);
-                        dimmest = dimmest.with_pixels(&response.tile(index), &linear);
-                    }
-                    state.note(index, self, (block, &shown), dimmest);
+                Fate::IsDrawn => {
+                    self.draw(index, (state, block), &shown, &mut linear, target);
+                    drew.drawn += one;
+                    drew.way_back += one * usize::from(block.level > 0);
                 }
-                drew.drawn += usize::from(!state.empty);
-                drew.way_back += usize::from(block.level > 0 && !state.empty);
             }
             if !state.empty {
                 drew.bound_linear = drew.bound_linear.max(state.shown_bound.0);
@@ -99,6 +109,56 @@ impl Drawing<'_> {
             }
         }
         drew
+    }
+
+    /// Finds how urgent tile number `index` is, before any is drawn.
+    pub(super) fn judge(&self, index: usize, state: &mut TileState) {
+        let block = &self.blocks[self.field.response().block_of(index)];
+        let limited = self.limited(block);
+        state.judge(index, self, block.level, &self.light(block, limited.as_ref()));
+    }
+
+    /// The light of a block, with no more ranks than the frame allows.
+    fn light<'l>(&'l self, block: &'l Block, limited: Option<&'l Coefficients>) -> ShownLight<'l> {
+        let coefficients = limited.unwrap_or(&block.coefficients);
+        ShownLight { coefficients, weights: &self.levels.get(block.level).weights, sun_q16: self.sun_q16() }
+    }
+
+    /// What becomes of a tile that was judged.
+    fn fate(&self, state: &TileState) -> Fate {
+        let light_stays = state.urgency == 0.0 || state.waits;
+        match (light_stays, state.shows_other_view(self.view)) {
+            (true, false) => Fate::Stays,
+            (true, true) if state.knows_edges() => Fate::ChangesView,
+            _ => Fate::IsDrawn,
+        }
+    }
+
+    /// Draws tile number `index`.
+    fn draw(
+        &self,
+        index: usize,
+        (state, block): (&mut TileState, &Block),
+        shown: &ShownLight<'_>,
+        linear: &mut LinearTile,
+        target: Target<'_, '_>,
+    ) {
+        let (response, kernel) = (self.field.response(), self.compositor.kernel);
+        if index + 1 < response.tiles() {
+            Coefficients::prefetch_pixels(&response.tile(index + 1), kernel);
+        }
+        let light = TileLight { sun: self.sun, weights: shown.weights, unpacked: self.unpacked };
+        let with = (shown.coefficients, &light);
+        let extent = self.compositor.tile((self.field, index), with, linear, state.edges_mut(), target);
+        if state.empty || self.levels.bounds_on() {
+            let mut dimmest = Dimmest::of_extent(extent);
+            if self.for_error && !state.empty {
+                // An error budget is worth a second look: a dark pixel of a dark row is not at fault.
+                shown.coefficients.pixels(self.field, index, &light, kernel, linear);
+                dimmest = dimmest.with_pixels(&response.tile(index), linear);
+            }
+            state.note(index, self, (block, shown), dimmest);
+        }
     }
 
     pub(super) fn sun_q16(&self) -> [u32; 3] {

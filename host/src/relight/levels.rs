@@ -1,15 +1,12 @@
-//! The way back in levels: how many patches are shown by their own rows instead of through the factors.
+//! The weights of one moment on all levels of the way back.
 
 use crate::weights::PatchWeights;
 use relume_firmware::bound::{BoundLight, Bounds};
 use relume_firmware::field::Field;
+use relume_firmware::levels::{LEVELS, apart};
+use relume_firmware::patches::MAX_PATCHES;
 use relume_firmware::relight::UnpackedRows;
-use relume_firmware::weights::{FixedWeights, MAX_STANDOUTS, WeightError, WeightStep, standouts};
-
-/// Levels there are.
-pub(super) const LEVELS: usize = 4;
-/// Patches apart from level 1 on; level 0 sets apart what outshines the sky.
-const PATCHES_APART: [usize; LEVELS] = [MAX_STANDOUTS, 24, 96, usize::MAX];
+use relume_firmware::weights::{FixedWeights, MAX_STANDOUTS, WeightError, WeightStep};
 
 /// The weights of one moment on one level.
 pub(super) struct Level {
@@ -28,8 +25,6 @@ pub(super) struct Levels {
     stepped: bool,
     has_way_back: bool,
     bounds_on: bool,
-    order: Vec<u16>,
-    apart: Vec<u16>,
     unpacked: Vec<Unpacked>,
 }
 
@@ -50,17 +45,16 @@ impl Levels {
             stepped: false,
             has_way_back: field.way_back().bytes() > 0,
             bounds_on: true,
-            order: (0..patches as u16).collect(),
-            apart: Vec::with_capacity(patches),
             unpacked: (0..MAX_STANDOUTS).map(|_| Unpacked { patch: None, codes: Vec::new() }).collect(),
         }
     }
 
     /// Unpacks the rows of the patches that outshine the sky now, where they did not before.
     pub(super) fn unpack(&mut self, field: &Field<'_>) {
-        let apart = &self.levels[0].weights;
-        let is_apart = |patch: Option<u16>| patch.is_some_and(|patch| apart.apart().any(|apart| apart.patch == patch));
-        for new in apart.apart() {
+        let weights = &self.levels[0].weights;
+        let is_apart =
+            |patch: Option<u16>| patch.is_some_and(|patch| weights.apart().any(|apart| apart.patch == patch));
+        for new in weights.apart() {
             if self.unpacked.iter().any(|known| known.patch == Some(new.patch)) {
                 continue;
             }
@@ -117,10 +111,10 @@ impl Levels {
 
     /// Takes the weights of a new moment.
     pub(super) fn set(&mut self, field: &Field<'_>, given: &PatchWeights, exposure: f32) -> Result<(), WeightError> {
-        let mut brightest = [0u16; MAX_STANDOUTS];
-        let count = if self.has_way_back { standouts(&given.radiance, &mut brightest) } else { 0 };
+        let mut out = [0; MAX_PATCHES];
+        let count = if self.has_way_back { apart(0, &given.radiance, &mut out) } else { 0 };
         self.before.clone_from(&self.levels[0].weights);
-        self.levels[0].weights.set(&given.radiance, given.sun.as_ref(), exposure, &brightest[..count])?;
+        self.levels[0].weights.set(&given.radiance, given.sun.as_ref(), exposure, &out[..count])?;
         self.levels.iter_mut().for_each(|level| level.ready = false);
         self.stepped = self.step.set(&self.before, &self.levels[0].weights);
         self.finish(field, 0);
@@ -132,16 +126,10 @@ impl Levels {
         if self.levels[level].ready {
             return;
         }
-        let bright = |patch: u16| {
-            let rgb = given.radiance.get(usize::from(patch)).copied().unwrap_or_default();
-            rgb[0].max(rgb[1]).max(rgb[2])
-        };
-        self.order.sort_unstable_by(|&a, &b| bright(b).total_cmp(&bright(a)).then(a.cmp(&b)));
-        self.apart.clear();
-        let lit = self.order.iter().copied().filter(|&patch| bright(patch) > 0.0);
-        self.apart.extend(lit.take(PATCHES_APART[level]));
+        let mut out = [0; MAX_PATCHES];
+        let count = apart(level, &given.radiance, &mut out);
         // The same numbers were accepted on level 0.
-        let accepted = self.levels[level].weights.set(&given.radiance, given.sun.as_ref(), exposure, &self.apart);
+        let accepted = self.levels[level].weights.set(&given.radiance, given.sun.as_ref(), exposure, &out[..count]);
         debug_assert!(accepted.is_ok());
         self.finish(field, level);
     }

@@ -27,7 +27,7 @@ impl Relighter<'_> {
         }
         let scale = 1.0 / f64::from(exposure);
         let (field, kernel) = (&self.field, self.kernel);
-        let max_rank = self.pace.rank_limit.unwrap_or(usize::MAX);
+        let max_rank = self.rank_limit.unwrap_or(usize::MAX);
         let sun = self.given.sun.map(|_| (self.sun.plane(), levels.get(0).weights.sun_q16()));
         let (levels, blocks) = (&levels, &self.blocks);
         let (columns, _) = field.response().grid();

@@ -5,6 +5,7 @@ use super::draw::Drawing;
 use relume_firmware::bound::CodeSlope;
 use relume_firmware::coefficients::TileReach;
 use relume_firmware::drawn::{Dimmest, DrawnTile, HALF_CODE, Off, ShownLight, SunDrift, dark_shares};
+use relume_firmware::edge::Edges;
 use relume_firmware::field::Field;
 use relume_firmware::tile::TILE_PIXELS;
 
@@ -19,8 +20,18 @@ pub(super) struct TileState {
     level: usize,
     view: u64,
     pub(super) sun: SunDrift,
+    /// How much the tile must be drawn: 0 if it may stay, the codes it may be off by times the frames it is so already, or
+    /// infinite if nothing is known.
+    pub(super) urgency: f32,
+    /// Does it wait for a later frame?
+    pub(super) waits: bool,
+    frames_waited: u32,
     /// Does the view show through anywhere?
     shows_view: bool,
+    /// Light of the edge pixels ([`Edges`]), while the view is live.
+    edges: Vec<f32>,
+    /// Is it the light that is shown?
+    edges_kept: bool,
     pub(super) empty: bool,
     /// See [`TileReach`].
     reach: Vec<f32>,
@@ -41,7 +52,12 @@ impl TileState {
             level: 0,
             view: 0,
             sun: SunDrift::default(),
+            urgency: f32::INFINITY,
+            waits: false,
+            frames_waited: 0,
             shows_view: tile.pixels() < TILE_PIXELS || field.coverage(index).is_some(),
+            edges: Vec::new(),
+            edges_kept: Edges::light_len(field.coverage(index)) == 0,
             empty: tile.pixels() == 0,
             reach,
             dark_shares: dark_shares(&tile),
@@ -49,31 +65,67 @@ impl TileState {
         }
     }
 
-    /// May tile number `index` stay as it is in `light`? Also brings `shown_bound` up to date if so.
-    pub(super) fn unchanged(
-        &mut self,
-        index: usize,
-        drawing: &Drawing<'_>,
-        level: usize,
-        light: &ShownLight<'_>,
-    ) -> bool {
-        if !self.is_drawn || (self.shows_view && self.view != drawing.view) || self.level != level {
-            return false;
-        }
-        if self.empty || self.moment == drawing.moment {
-            return true;
-        }
-        // With as many patches apart as on higher levels only the same light can be compared.
-        if level > 0 {
-            return false;
-        }
+    /// Makes room for the light of the edge pixels: the view is live.
+    pub(super) fn keep_edges(&mut self, field: &Field<'_>, index: usize) {
+        self.edges.resize(Edges::light_len(field.coverage(index)), 0.0);
+    }
+
+    /// Where the light of the edge pixels goes when the tile is drawn.
+    pub(super) fn edges_mut(&mut self) -> &mut [f32] {
+        self.edges_kept |= !self.edges.is_empty();
+        &mut self.edges
+    }
+
+    /// Does another view show through the tile than this one?
+    pub(super) fn shows_other_view(&self, view: u64) -> bool {
+        self.shows_view && self.view != view
+    }
+
+    /// Is the light of its edge pixels known, so that another view can be put behind it?
+    pub(super) fn knows_edges(&self) -> bool {
+        self.edges_kept
+    }
+
+    /// Notes that another view is put behind it; the light of its edge pixels.
+    pub(super) fn change_view(&mut self, view: u64) -> &[f32] {
+        self.view = view;
+        &self.edges
+    }
+
+    /// Finds how urgent tile number `index` is in `light`. Also brings `shown_bound` up to date if it may stay or wait.
+    pub(super) fn judge(&mut self, index: usize, drawing: &Drawing<'_>, level: usize, light: &ShownLight<'_>) {
+        self.waits = false;
+        self.urgency = if !self.is_drawn || self.level != level {
+            f32::INFINITY
+        } else if self.empty || self.moment == drawing.moment {
+            0.0
+        } else if level > 0 {
+            // With as many patches apart as on higher levels only the same light can be compared.
+            f32::INFINITY
+        } else {
+            self.change(index, drawing, light) * (1.0 + self.frames_waited as f32)
+        };
+    }
+
+    /// Lets the tile wait for a later frame.
+    pub(super) fn wait(&mut self) {
+        self.waits = true;
+        self.frames_waited = self.frames_waited.saturating_add(1);
+    }
+
+    /// Codes by which the light may have changed since the tile was drawn; 0 for less than a half.
+    fn change(&mut self, index: usize, drawing: &Drawing<'_>, light: &ShownLight<'_>) -> f32 {
         let moved = self.drawn.moved((drawing.field, index), light, &TileReach(&self.reach), &self.sun);
-        if self.drawn.codes(drawing.slope, &self.dark_shares, &moved) >= HALF_CODE {
-            return false;
+        let codes = self.drawn.codes(drawing.slope, &self.dark_shares, &moved);
+        let changed = codes >= HALF_CODE;
+        if !changed || drawing.for_time {
+            self.note_bound(drawing.slope, &moved);
         }
-        self.note_bound(drawing.slope, &moved);
+        if changed {
+            return codes;
+        }
         self.moment = drawing.moment;
-        true
+        0.0
     }
 
     /// Remembers what is shown from now on.
@@ -86,6 +138,7 @@ impl TileState {
     ) {
         self.drawn.set((drawing.field, index), light, (&block.coefficients, &block.bound), dimmest);
         (self.is_drawn, self.moment) = (true, drawing.moment);
+        self.frames_waited = 0;
         (self.level, self.view) = (block.level, drawing.view);
         self.sun.reset();
         self.note_bound(drawing.slope, &Off::default());

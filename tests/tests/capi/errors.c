@@ -49,6 +49,16 @@ static void handles(opened *it) {
     REFUSED(NULL_POINTER, relume_close(NULL));
     REFUSED(NULL_POINTER, relume_trace_sun(NULL, 0, 1));
     REFUSED(NULL_POINTER, relume_set_light(NULL, &it->light));
+    uint32_t blocks;
+    REFUSED(NULL_POINTER, relume_set_error_budget(NULL, 2.0f));
+    REFUSED(NULL_POINTER, relume_restore(NULL, &blocks));
+    REFUSED(NULL_POINTER, relume_restore(it->object, NULL));
+    const float budgets[] = {0.55f, -1.0f, NAN};
+    for (int k = 0; k < 3; k++) {
+        REFUSED(BUDGET, relume_set_error_budget(it->object, budgets[k]));
+    }
+    DONE(relume_restore(it->object, &blocks));
+    EXPECT(blocks == 0); /* there is no budget */
     REFUSED(ALIGNMENT, relume_info((relume *)(it->memory + 1), &info));
     unsigned char *copy = malloc(it->memory_length);
     memcpy(copy, it->memory, it->memory_length);
@@ -133,7 +143,7 @@ static void frames(opened *it) {
 
 void check_errors(bytes field) {
     EXPECT(relume_abi_version() == RELUME_ABI_VERSION);
-    for (uint32_t code = 0; code <= RELUME_ERROR_VIEW; code++) {
+    for (uint32_t code = 0; code <= RELUME_ERROR_BUDGET; code++) {
         EXPECT(strcmp(relume_error_text(code), relume_error_text(UINT32_MAX)) != 0);
     }
     fields(field);

@@ -48,6 +48,37 @@ static void lights(bytes field, const char *folder) {
     }
 }
 
+/* Frames within an error budget: more light apart, less, and more again; the caller makes the same of the same lights. */
+static void budgets(bytes field, const char *folder) {
+    opened it = open_field(field);
+    if (relume_set_error_budget(it.object, 2.0f) == RELUME_ERROR_BUDGET) {
+        close_field(&it);
+        return; /* a field without bounds */
+    }
+    canvas on = make_canvas(&it, RELUME_FORMAT_XRGB8888);
+    const unsigned seeds[] = {1, 4, 4, 3, 1};
+    for (int step = 0; step < 5; step++) {
+        shine(&it, seeds[step]);
+        DONE(relume_trace_sun(it.object, 0, it.info.bands));
+        relume_report report = {0};
+        uint32_t blocks = 0, rounds = 0;
+        do {
+            DONE(relume_relight(it.object, &on.frame, 0, it.info.bands, &report));
+            DONE(relume_restore(it.object, &blocks));
+            EXPECT(rounds++ < 8);
+        } while (blocks > 0);
+        char name[64];
+        snprintf(name, sizeof name, "budget-%d.raw", step);
+        write_canvas(&it, &on, folder, name);
+        struct { uint32_t rounds; float linear, codes; } told = {rounds, report.bound_linear, report.bound_codes};
+        snprintf(name, sizeof name, "budget-bound-%d.raw", step);
+        write_bytes(folder, name, &told, sizeof told);
+    }
+    check_margins(&it, &on);
+    free(on.data);
+    close_field(&it);
+}
+
 static void facts(bytes field, const char *folder) {
     opened it = open_field(field);
     size_t stride = it.info.width + 3, length = stride * it.info.height;
@@ -227,6 +258,7 @@ static void drift(bytes field, unsigned seed) {
 void check_frames(bytes field, const char *folder) {
     formats(field, folder);
     lights(field, folder);
+    budgets(field, folder);
     facts(field, folder);
 }
 

@@ -7,8 +7,9 @@ use relume_firmware::tile::TILE_PX;
 use relume_firmware::tone::srgb_code;
 use relume_firmware::weights::WeightError;
 use relume_tests::stressbound::{Examiner, TileFound};
-use relume_tests::stressfield::{Matter, StressField};
+use relume_tests::stressfield::{Matter, StressField, scatter};
 use relume_tests::stresslight::{self as light, PatchLight};
+use std::time::Duration;
 
 const PLAIN: [Matter; 5] = [Matter::Street, Matter::Checkers, Matter::BlackRows, Matter::Empty, Matter::Holes];
 const BEHIND: u32 = 0x0012_3456;
@@ -81,6 +82,74 @@ fn pictures_of_any_size() {
             assert_eq!(expected.get_or_insert_with(|| pixels.clone()), &pixels, "{size:?} {}", kernel.name());
         }
     }
+}
+
+/// A live view under light that mostly stands still: the same bytes as a new relighter's, which draws everything.
+#[test]
+fn a_live_view_is_composited_as_if_all_were_drawn() {
+    for size in [(17, 33), (47, 49), (5, 64)] {
+        let stress = StressField::new(16, size, 0.004, &PLAIN, 1.0);
+        let geometry =
+            (0..stress.field().response().tiles()).filter(|&t| stress.field().response().tile(t).pixels() > 0);
+        let geometry = geometry.count();
+        for kernel in Kernel::paths() {
+            let mut live = Shown::new(&stress, kernel);
+            for frame in 0..8u32 {
+                let given = light::captured(&stress.patches, 4, if frame < 5 { 1.0 } else { 3.0 });
+                let mut fresh = Shown::new(&stress, kernel);
+                for shown in [&mut live, &mut fresh] {
+                    let behind = shown.view.pixels_mut().iter_mut().enumerate();
+                    behind.for_each(|(at, word)| *word = scatter(at as u32 + 7919 * frame) & 0x00ff_ffff);
+                    shown.relighter.set_weights(&sky(&given), 0.3).unwrap();
+                }
+                let counters = live.relighter.draw(&live.view, &mut live.framebuffer);
+                fresh.relighter.draw(&fresh.view, &mut fresh.framebuffer);
+                assert_eq!(live.framebuffer.pixels, fresh.framebuffer.pixels, "{size:?} {} {frame}", kernel.name());
+                let settled = (2..5).contains(&frame) || frame > 5;
+                assert!(!settled || counters.tiles_drawn == 0, "{frame}: {counters:?}");
+                assert!(!settled || counters.tiles_composited > 0, "{frame}: {counters:?}");
+                assert_eq!(counters.tiles_drawn + counters.tiles_composited + counters.tiles_kept, geometry, "{frame}");
+            }
+        }
+    }
+}
+
+/// However little time there is, a frame says how far off it is, and a still sky's picture gets finished; with time enough
+/// nothing waits.
+#[test]
+fn time_budgets_let_tiles_wait_within_the_bound() {
+    let stress = StressField::new(16, (95, 79), 0.004, &[Matter::Street, Matter::Checkers, Matter::Holes], 1.0);
+    let skies = [2, 3].map(|seed| light::captured(&stress.patches, seed, 1.0));
+    let between = |share: f32| -> PatchLight {
+        let pairs = skies[0].iter().zip(&skies[1]);
+        pairs.map(|(a, b)| std::array::from_fn(|c| a[c] + share * (b[c] - a[c]))).collect()
+    };
+    let changing = |time: Duration| {
+        let mut shown = Shown::new(&stress, Kernel::detect());
+        shown.relighter.set_budget(Budget::Time(time)).unwrap();
+        assert_eq!(shown.frame(&skies[0], 0.5).tiles_waiting, 0, "what was never drawn does not wait");
+        let frames: Vec<FrameCounters> = (1..=20).map(|k| shown.frame(&between(k as f32 / 20.0), 0.5)).collect();
+        (shown, frames)
+    };
+    let (mut hasty, frames) = changing(Duration::from_nanos(1));
+    let tiles = frames[0].tiles;
+    for counters in &frames {
+        let all = counters.tiles_drawn + counters.tiles_waiting + counters.tiles_kept + counters.tiles_empty;
+        assert!(counters.tiles_drawn <= tiles.div_ceil(16) && all == tiles, "{counters:?}");
+    }
+    assert!(frames.iter().all(|counters| counters.tiles_waiting > 0), "the light changes faster than that");
+    // The light stands still: more and more is right, and at last all.
+    let mut waiting = frames[19].tiles_waiting;
+    while waiting > 0 {
+        let counters = hasty.frame(&skies[1], 0.5);
+        assert!(counters.tiles_waiting < waiting, "{counters:?}");
+        waiting = counters.tiles_waiting;
+    }
+    let (leisurely, frames) = changing(Duration::from_secs(100));
+    assert!(frames.iter().all(|counters| counters.tiles_waiting == 0), "time enough");
+    let code = |word: u32, c: usize| (word >> (8 * c) & 0xff) as i32;
+    let pairs = hasty.framebuffer.pixels.iter().zip(&leisurely.framebuffer.pixels);
+    assert!(pairs.into_iter().all(|(&a, &b)| (0..3).all(|c| (code(a, c) - code(b, c)).abs() <= 1)));
 }
 
 /// Up by 2^20 and down again within 30 frames: every frame within its bound, and the last as the first.

@@ -5,7 +5,7 @@
 //! irradiance or no such row means no sun. Lines of three bare numbers `r g b`, one per patch, are read too; they
 //! cannot say where a sun stands, so one line more than there are patches is refused.
 
-use relume_firmware::patches::PatchSet;
+use crate::patches::PatchSet;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
@@ -21,7 +21,7 @@ pub fn sun_solid_angle_sr() -> f64 {
     std::f64::consts::TAU * (1.0 - (0.5 * SUN_DIAMETER_DEG).to_radians().cos())
 }
 
-pub use relume_firmware::weights::SunWeight;
+pub use crate::weights::SunWeight;
 
 /// Light per patch of a [`PatchSet`], and the sun.
 #[derive(Clone, Debug, PartialEq)]

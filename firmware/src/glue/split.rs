@@ -8,9 +8,9 @@
 //! bright as the ring (a cloud or a hole between clouds that fills the cap and is twice as bright as its surround stays
 //! below), and if it is at least [`MIN_IRRADIANCE_SHARE`] of the light of the sky (glints, lamps and overcast skies stay below).
 
-use crate::map::{MapError, RadianceMap, luminance};
-use crate::weights::{PatchWeights, SunWeight, sun_solid_angle_sr};
-use relume_firmware::patches::PatchSet;
+use super::map::{MapError, RadianceMap, luminance};
+use super::weights::{PatchWeights, SunWeight, sun_solid_angle_sr};
+use crate::patches::PatchSet;
 use std::f64::consts::{PI, TAU};
 
 /// Radius within which the excess over the in-painted sky is the sun's, degrees.
@@ -266,7 +266,17 @@ pub fn weights(map: &RadianceMap, set: &PatchSet, env_rot_deg: f64) -> Result<Pa
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sun::{SunPosition, dir_world, position_of};
+
+    /// Towards an azimuth from -Z towards +X and an altitude, degrees.
+    fn dir_world(azimuth_deg: f64, altitude_deg: f64) -> [f32; 3] {
+        let (azimuth, altitude) = (azimuth_deg.to_radians(), altitude_deg.to_radians());
+        let level = altitude.cos();
+        [level * azimuth.sin(), altitude.sin(), -level * azimuth.cos()].map(|v| v as f32)
+    }
+
+    fn altitude_deg([_, y, _]: [f32; 3]) -> f64 {
+        f64::from(y).asin().to_degrees()
+    }
 
     fn sky(d: [f32; 3]) -> [f32; 3] {
         [1.0 + d[0] * d[2], 1.5 + d[1], 2.0 + 0.5 * d[2]]
@@ -287,7 +297,7 @@ mod tests {
     fn a_known_sun_is_found_at_any_resolution_and_height() {
         for (height, tolerance_deg) in [(512, 0.15), (128, 0.6)] {
             for (azimuth_deg, altitude_deg) in [(10.0, 75.0), (271.0, 35.0), (90.2, 12.0), (180.0, 89.0)] {
-                let dir = dir_world(SunPosition { azimuth_deg, altitude_deg }, 0.0);
+                let dir = dir_world(azimuth_deg, altitude_deg);
                 let map = with_disc(height, dir, 0.3, 2.0);
                 let Split { sky, sun } = split(&map);
                 let sun = sun.unwrap();
@@ -304,7 +314,7 @@ mod tests {
 
     #[test]
     fn clouds_lamps_and_ground_are_no_sun() {
-        let up = dir_world(SunPosition { azimuth_deg: 100.0, altitude_deg: 40.0 }, 0.0);
+        let up = dir_world(100.0, 40.0);
         assert!(split(&RadianceMap::from_fn(128, sky)).sun.is_none());
         // Clouds five times as bright as their surround (radiance 2), of 3 and of 0.9 degrees radius.
         assert!(split(&with_disc(512, up, 3.0, 5.0 * 2.0 * 0.0086)).sun.is_none());
@@ -354,24 +364,24 @@ mod tests {
     #[test]
     fn turning_moves_the_sun_to_smaller_u() {
         let set = PatchSet::new(256).unwrap();
-        let south = dir_world(SunPosition { azimuth_deg: 180.0, altitude_deg: 30.0 }, 0.0);
+        let south = dir_world(180.0, 30.0);
         let found = weights(&with_disc(256, south, 0.3, 3.0), &set, 90.0).unwrap().sun.unwrap();
-        assert!((position_of(found.dir_world, 0.0).azimuth_deg - 90.0).abs() < 0.3, "{found:?}");
+        let off = angle_between(found.dir_world.map(f64::from), dir_world(90.0, 30.0).map(f64::from));
+        assert!(off.to_degrees() < 0.3, "{found:?}");
     }
 
     #[test]
     fn photographed_skies_split_as_measured() {
-        let Some(folder) = crate::map::shared_folder() else { return };
+        let Some(folder) = super::super::map::shared_folder() else { return };
         // Altitude, its tolerance and the sun's share of horizontal irradiance.
         let cases = [("kloppenheim_05_1k", 74.7, 0.80), ("immenstadter_horn_1k", 35.0, 0.19)];
-        for (name, altitude_deg, share) in cases {
+        for (name, expected_deg, share) in cases {
             let map = RadianceMap::load(&folder.join("skies").join(format!("{name}.hdr"))).unwrap();
             let sun = split(&map).sun.unwrap();
-            let position = position_of(sun.dir_world, 0.0);
             let total = map.horizontal_irradiance()[1];
             let found = f64::from(sun.irradiance[1] * sun.dir_world[1]) / total;
-            println!("{name}: {position:?}, share {found:.3}");
-            assert!((position.altitude_deg - altitude_deg).abs() < 0.7, "{name}: {position:?}");
+            println!("{name}: {sun:?}, share {found:.3}");
+            assert!((altitude_deg(sun.dir_world) - expected_deg).abs() < 0.7, "{name}: {sun:?}");
             assert!((found - share).abs() < 0.02, "{name}: {found}");
         }
         let map = RadianceMap::load(&folder.join("skies/potsdamer_platz_1k.hdr")).unwrap();

@@ -1,0 +1,154 @@
+//! A frame: which tiles are drawn, over which view, within which budget.
+
+use super::budget::Budget;
+use super::buffers::{Framebuffer, View};
+use super::counters::FrameCounters;
+use super::draw::{Drawing, Drew};
+use super::tiles::TileState;
+use super::{Relighter, install};
+use rayon::prelude::*;
+use relume_firmware::composite::{Compositor, ViewPixels};
+use relume_firmware::tile::TILE_PX;
+use std::time::{Duration, Instant};
+
+impl Relighter<'_> {
+    /// Draws the newest weights over `view`: only tiles that may change by half a code or more since they were last
+    /// drawn. Where a new view shows through tiles that may stay, only that is composited. View and framebuffer must have
+    /// the field's size.
+    pub fn draw(&mut self, view: &View, framebuffer: &mut Framebuffer) -> FrameCounters {
+        let started = if self.new_weights { self.started } else { Instant::now() };
+        let (width, height) = (self.field.width(), self.field.height());
+        if framebuffer.pixels.len() != width * height {
+            *framebuffer = Framebuffer::new(width, height);
+            self.states.iter_mut().for_each(|state| state.is_drawn = false);
+            self.shown = None;
+        }
+        if let Some(still) = self.still(view) {
+            return still;
+        }
+        self.look_at(view);
+        if let Budget::Time(allowed) = self.budget {
+            self.choose(view, started, allowed);
+        }
+        let drawing = Instant::now();
+        let mut drew = self.draw_tiles(view, framebuffer);
+        self.pace.follow(drawing.elapsed(), drew.drawn);
+        let bounded = self.levels.bounds(&self.field).is_some();
+        if let Budget::ErrorCodes(codes) = self.budget
+            && bounded
+        {
+            while self.raise_levels(codes) {
+                let again = self.draw_tiles(view, framebuffer);
+                let (drawn, composited) = (drew.drawn + again.drawn, drew.composited + again.composited);
+                drew = Drew { drawn, composited, ..again };
+                drew.kept = self.counters.tiles.saturating_sub(drew.empty + drew.drawn + drew.composited);
+            }
+        }
+        let mut counters = FrameCounters {
+            tiles_drawn: drew.drawn,
+            tiles_composited: drew.composited,
+            tiles_kept: drew.kept,
+            tiles_waiting: drew.waiting,
+            tiles_empty: drew.empty,
+            tiles_way_back: drew.way_back,
+            rank_limit: self.rank_limit,
+            ..self.counters
+        };
+        if bounded {
+            (counters.bound_linear, counters.bound_codes) = (Some(drew.bound_linear), Some(drew.bound_codes));
+        }
+        let finished = self.settled && drew.waiting == 0;
+        self.shown = finished.then_some((counters, view.identity, self.moment));
+        self.new_weights = false;
+        counters
+    }
+
+    /// Takes notice of the view: once it changes it is live, and the edge pixels' light is kept from then on, so that a new
+    /// view is composited without relighting.
+    fn look_at(&mut self, view: &View) {
+        let changed = self.view.replace(view.identity).is_some_and(|old| old != view.identity);
+        if changed && !self.live {
+            self.live = true;
+            let states = self.states.iter_mut().enumerate();
+            states.for_each(|(index, state)| state.keep_edges(&self.field, index));
+        }
+    }
+
+    /// The counters of a frame in which nothing has changed since the one before, if this is one.
+    fn still(&self, view: &View) -> Option<FrameCounters> {
+        let (last, shown_view, moment) = self.shown?;
+        let same = self.settled && shown_view == view.identity && moment == self.moment;
+        let kept = FrameCounters {
+            tiles_drawn: 0,
+            tiles_composited: 0,
+            tiles_waiting: 0,
+            tiles_kept: last.tiles - last.tiles_empty,
+            bound_linear: last.bound_linear,
+            bound_codes: last.bound_codes,
+            rank_limit: self.rank_limit,
+            tiles_empty: last.tiles_empty,
+            tiles_way_back: 0,
+            ..self.counters
+        };
+        same.then_some(kept)
+    }
+
+    /// Finds what has changed, and lets wait what does not get done in the time that is left.
+    fn choose(&mut self, view: &View, started: Instant, allowed: Duration) {
+        let mut states = std::mem::take(&mut self.states);
+        self.with_drawing(view, |drawing| {
+            let judge = |(index, state): (usize, &mut TileState)| drawing.judge(index, state);
+            if self.alone {
+                states.iter_mut().enumerate().for_each(judge);
+            } else {
+                install(self.pool.as_ref(), || states.par_iter_mut().enumerate().with_min_len(64).for_each(judge));
+            }
+        });
+        self.states = states;
+        let tiles = self.counters.tiles;
+        let most = self.pace.tiles_in(allowed.saturating_sub(started.elapsed()), tiles);
+        self.choice.choose(&mut self.states, most);
+    }
+
+    fn draw_tiles(&mut self, view: &View, framebuffer: &mut Framebuffer) -> Drew {
+        let (width, columns) = (self.field.width(), self.field.response().grid().0);
+        let mut states = std::mem::take(&mut self.states);
+        let drew = self.with_drawing(view, |drawing| {
+            let band =
+                |(row, (pixels, states)): (usize, (&mut [u32], &mut [TileState]))| drawing.band(row, pixels, states);
+            let pixels = &mut framebuffer.pixels;
+            if self.alone {
+                let bands = pixels.chunks_mut(width * TILE_PX).zip(states.chunks_mut(columns));
+                bands.enumerate().map(band).fold(Drew::default(), Drew::and)
+            } else {
+                let bands = pixels.par_chunks_mut(width * TILE_PX).zip(states.par_chunks_mut(columns));
+                install(self.pool.as_ref(), || bands.enumerate().map(band).reduce(Drew::default, Drew::and))
+            }
+        });
+        self.states = states;
+        drew
+    }
+
+    /// Works with what all tiles of a frame share.
+    fn with_drawing<R>(&self, view: &View, work: impl FnOnce(&Drawing<'_>) -> R) -> R {
+        let (unpacked, count) = self.levels.unpacked();
+        work(&Drawing {
+            field: &self.field,
+            compositor: Compositor {
+                view: ViewPixels { pixels_xrgb: &view.pixels, stride: view.width },
+                light: &self.light,
+                kernel: self.kernel,
+            },
+            levels: &self.levels,
+            blocks: &self.blocks,
+            sun: self.given.sun.map(|_| (self.sun.plane(), self.levels.get(0).weights.sun_q16())),
+            unpacked: &unpacked[..count],
+            for_error: matches!(self.budget, Budget::ErrorCodes(_)),
+            for_time: matches!(self.budget, Budget::Time(_)),
+            slope: &self.slope,
+            view: view.identity,
+            rank_limit: self.rank_limit,
+            moment: self.moment,
+        })
+    }
+}
