@@ -3,6 +3,7 @@
 use crate::blocks::{BlockCompressor, BlockTile, FieldBlock};
 use crate::bouncepoints::BouncePoints;
 use crate::camera::Camera;
+use crate::compress::Whites;
 use crate::progress::Progress;
 use crate::report::Report;
 use crate::response::{Transport, TransportOptions};
@@ -98,6 +99,7 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     let started = Instant::now();
     let patches = PatchSet::new(options.directions)?;
     let transport = Transport::new(scene, camera, patches, options.size, options.transport)?;
+    let whites = whites(scene, camera, patches, options)?;
     let stack_sun = options.stack_sun.map(|sun| (sun, sun_dir_world(sun, camera.north_deg)));
     let stack = options.stack.as_deref().map(|dir| {
         let transport = &options.transport;
@@ -109,7 +111,7 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     let job = Job {
         bounce: transport.bounce_points(),
         transport,
-        compressor: BlockCompressor::new(&patches, options.error, CasterLayers::new(scene)),
+        compressor: BlockCompressor::new(&patches, options.error, whites, CasterLayers::new(scene)),
         stack,
         stack_sun: stack_sun.map(|(_, dir)| dir),
     };
@@ -126,6 +128,21 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     let casters = job.compressor.casters;
     let bytes = writer.into_bytes(header, [casters.casters, casters.nodes, job.bounce.layer()], &report.to_json());
     Ok(Baked { bytes, report })
+}
+
+/// About so many pixels of a small picture tell how bright each patch makes the large one.
+const SMALL_PX: f64 = 3072.0;
+
+/// Display white under each patch alone, from a small picture of the same view.
+fn whites(scene: &Scene, camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Result<Whites, BakeError> {
+    let (width, height) = options.size;
+    let times = (f64::from(width) * f64::from(height) / SMALL_PX).sqrt().floor().max(2.0) as u32;
+    let size = (width.div_ceil(times), height.div_ceil(times));
+    let small = Transport::new(scene, camera, patches, size, options.transport)?;
+    let (columns, rows) = small.tiles();
+    let places: Vec<(u32, u32)> = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).collect();
+    let tiles: Vec<Vec<f32>> = places.par_iter().map(|&(x, y)| small.tile(x, y).response).collect();
+    Ok(Whites::of(&tiles.concat(), patches.len()))
 }
 
 fn header(camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Header {

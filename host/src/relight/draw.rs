@@ -70,7 +70,7 @@ impl Drawing<'_> {
             let coefficients = limited.as_ref().unwrap_or(&block.coefficients);
             let weights = &self.levels.get(block.level).weights;
             let shown = ShownLight { coefficients, weights, sun_q16: self.sun_q16() };
-            if state.unchanged(index, self, block.level, &shown) {
+            if state.unchanged(index, self, (block, &shown)) {
                 drew.kept += usize::from(!state.empty);
             } else {
                 let response = self.field.response();

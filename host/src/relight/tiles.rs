@@ -2,7 +2,6 @@
 
 use super::blocks::Block;
 use super::draw::Drawing;
-use relume_firmware::bound::CodeSlope;
 use relume_firmware::coefficients::TileReach;
 use relume_firmware::drawn::{Dimmest, DrawnTile, HALF_CODE, Off, ShownLight, SunDrift, dark_shares};
 use relume_firmware::field::Field;
@@ -54,9 +53,9 @@ impl TileState {
         &mut self,
         index: usize,
         drawing: &Drawing<'_>,
-        level: usize,
-        light: &ShownLight<'_>,
+        (block, light): (&Block, &ShownLight<'_>),
     ) -> bool {
+        let level = block.level;
         if !self.is_drawn || (self.shows_view && self.view != drawing.view) || self.level != level {
             return false;
         }
@@ -71,7 +70,7 @@ impl TileState {
         if self.drawn.codes(drawing.slope, &self.dark_shares, &moved) >= HALF_CODE {
             return false;
         }
-        self.note_bound(drawing.slope, &moved);
+        self.note_bound(index, drawing, (block, light), &moved);
         self.moment = drawing.moment;
         true
     }
@@ -84,15 +83,22 @@ impl TileState {
         (block, light): (&Block, &ShownLight<'_>),
         dimmest: Dimmest,
     ) {
-        self.drawn.set((drawing.field, index), light, (&block.coefficients, &block.bound), dimmest);
+        self.drawn.set(light, dimmest);
         (self.is_drawn, self.moment) = (true, drawing.moment);
         (self.level, self.view) = (block.level, drawing.view);
         self.sun.reset();
-        self.note_bound(drawing.slope, &Off::default());
+        self.note_bound(index, drawing, (block, light), &Off::default());
     }
 
-    fn note_bound(&mut self, slope: &CodeSlope, moved: &Off) {
-        let error = self.drawn.error(moved);
-        self.shown_bound = (error.linear(), self.drawn.codes_rounded(slope, &self.dark_shares, &error));
+    /// `moved`: how far what is shown may be from what `light` would show.
+    fn note_bound(
+        &mut self,
+        index: usize,
+        drawing: &Drawing<'_>,
+        (block, light): (&Block, &ShownLight<'_>),
+        moved: &Off,
+    ) {
+        let error = Off::of((drawing.field, index), light, (&block.coefficients, &block.bound)).and(moved);
+        self.shown_bound = (error.linear(), self.drawn.codes_rounded(drawing.slope, &self.dark_shares, &error));
     }
 }
