@@ -2,9 +2,9 @@
 //!
 //! Light that no prior expects (one patch far brighter than its neighbours, a lamp) shows the factors' error of its
 //! patch. Such a patch is taken out of the factors' weights and its own rows are added instead. A patch's unit is such that
-//! [`WHITE_CODE`] stands for display white in its own picture, at the exposure that shows the patch alone: then the
-//! patch alone is certain to be right within 3.4 codes, rounding included, in every tile. All patches of a sky together,
-//! whose whites in sum are up to 1.5 times the sky's, are within 4.
+//! [`WHITE_CODE`] stands for display white in its own picture, at the exposure that shows the patch alone: where the small
+//! picture that tells this white is right, the patch alone is bound to 3.4 codes, rounding included. It is not right for a
+//! patch that about one pixel in a hundred sees: the bound holds there, too, but is large.
 
 use super::Compressed;
 use relume_firmware::bound::DARK_POWER;
