@@ -3,6 +3,7 @@
 use crate::blocks::{BlockCompressor, BlockTile, FieldBlock};
 use crate::bouncepoints::BouncePoints;
 use crate::camera::Camera;
+use crate::compress::Whites;
 use crate::error::{ExactTile, TestLight};
 use crate::heldout::{TestSky, captured, test_skies};
 use crate::progress::Progress;
@@ -116,6 +117,7 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     let maps: Result<Vec<TestSky>, MapError> = options.test_maps.iter().map(|path| captured(path, &patches)).collect();
     let test_light = TestLight::new(test_skies(&patches).into_iter().chain(maps?).collect());
     let transport = Transport::new(scene, camera, patches, options.size, options.transport)?;
+    let whites = whites(scene, camera, patches, options)?;
     let stack_sun = options.stack_sun.map(|sun| (sun, sun_dir_world(sun, camera.north_deg)));
     let stack = options.stack.as_deref().map(|dir| {
         let transport = &options.transport;
@@ -127,7 +129,7 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     let job = Job {
         bounce: transport.bounce_points(),
         transport,
-        compressor: BlockCompressor::new(&patches, options.error, CasterLayers::new(scene)),
+        compressor: BlockCompressor::new(&patches, options.error, whites, CasterLayers::new(scene)),
         stack,
         stack_sun: stack_sun.map(|(_, dir)| dir),
         test_light,
@@ -146,6 +148,21 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     let draft = writer.into_draft(header, [casters.casters, casters.nodes, job.bounce.layer()]);
     report.held_out = job.test_light.errors(&Field::new(draft.bytes())?, &exact)?;
     Ok(Baked { bytes: draft.finish(&report.to_json()), report })
+}
+
+/// About so many pixels of a small picture tell how bright each patch makes the large one.
+const SMALL_PX: f64 = 3072.0;
+
+/// Display white under each patch alone, from a small picture of the same view.
+fn whites(scene: &Scene, camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Result<Whites, BakeError> {
+    let (width, height) = options.size;
+    let times = (f64::from(width) * f64::from(height) / SMALL_PX).sqrt().floor().max(2.0) as u32;
+    let size = (width.div_ceil(times), height.div_ceil(times));
+    let small = Transport::new(scene, camera, patches, size, options.transport)?;
+    let (columns, rows) = small.tiles();
+    let places: Vec<(u32, u32)> = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).collect();
+    let tiles: Vec<Vec<f32>> = places.par_iter().map(|&(x, y)| small.tile(x, y).response).collect();
+    Ok(Whites::of(&tiles.concat(), patches.len()))
 }
 
 fn header(camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Header {

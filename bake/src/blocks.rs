@@ -1,6 +1,6 @@
 //! Responses of a block's tiles -> its compressed tiles, bound and way back.
 
-use crate::compress::{Compressed, Target, block_bound, bound_basis, compress_block, tile_rows};
+use crate::compress::{Compressed, Target, Whites, block_bound, bound_basis, compress_block, tile_rows};
 use crate::encode::{TileBytes, bound_record, mask_of, way_block};
 use crate::prior::Prior;
 use crate::response::TileResponse;
@@ -39,16 +39,17 @@ pub struct BlockCompressor {
     target: Target,
     basis: DMatrix<f32>,
     patches: usize,
+    whites: Whites,
     /// Layers of direct sunlight.
     pub casters: CasterLayers,
 }
 
 impl BlockCompressor {
     /// A compressor for fields of this patch set that aims at `error` ([`Target::error`]).
-    pub fn new(patches: &PatchSet, error: f64, casters: CasterLayers) -> Self {
+    pub fn new(patches: &PatchSet, error: f64, whites: Whites, casters: CasterLayers) -> Self {
         let skies = Prior::skies(patches);
         let target = Target { error, ..Target::default() };
-        BlockCompressor { basis: bound_basis(&skies), skies, target, patches: patches.len(), casters }
+        BlockCompressor { basis: bound_basis(&skies), skies, target, patches: patches.len(), whites, casters }
     }
 
     /// BNDB.
@@ -86,7 +87,7 @@ impl BlockCompressor {
         let way_back = if pixels.is_empty() {
             Vec::new()
         } else {
-            way_block(&tile_rows(response, self.patches, sky, pixels.clone(), encoded.row_top()), pixels.len())
+            way_block(&tile_rows(response, &self.whites, sky, pixels.clone(), encoded.row_top()), pixels.len())
         };
         let coverage = own.covered.iter().map(|&at| own.coverage[usize::from(at)]);
         FieldTile {

@@ -18,7 +18,7 @@ pub use bound::{BlockBound, block_bound, bound_basis};
 use nalgebra::{DMatrix, DMatrixView};
 use quantise::{fit_rows, round_factors};
 use subspace::Factors;
-pub use wayback::{PatchRows, TileRows, tile_rows};
+pub use wayback::{PatchRows, Whites, tile_rows};
 
 /// How far a compressed tile may be from the response.
 #[derive(Clone, Copy, Debug, PartialEq)]

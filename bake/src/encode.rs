@@ -1,9 +1,9 @@
 //! Compressed blocks and tiles as the bytes of the field's layers (firmware/src/field.rs).
 
-use crate::compress::{BlockBound, Compressed, TileRows};
+use crate::compress::{BlockBound, Compressed, PatchRows};
 use relume_firmware::bound::GROUP;
 use relume_firmware::tile::{ALL_WHOLE, LANE_PAD, MAX_RANK, TILE_PX, TileRecord, padded};
-use relume_firmware::wayback::{ERROR, WAY_ENTRY, WAY_HEADER};
+use relume_firmware::wayback::{REST, STRIP, WAY_ENTRY};
 use std::ops::Range;
 
 /// The bytes of one tile of a tile set; places in `record` are still open.
@@ -98,40 +98,49 @@ fn v_bytes(block: &Compressed, patches: usize) -> (Vec<u8>, [i8; 3]) {
 }
 
 /// A tile's block of WAYD (firmware/src/wayback.rs).
-pub fn way_block(rows: &TileRows, pixels: usize) -> Vec<u8> {
-    let table = WAY_HEADER + (rows.patches.len() * WAY_ENTRY).next_multiple_of(LANE_PAD);
-    let mut block = vec![0u8; table];
-    block[..4].copy_from_slice(&rows.unit.to_le_bytes());
-    let plane_bytes = padded(pixels) / 8;
-    let mut planes = 0u16;
-    for (patch, rows) in rows.patches.iter().enumerate() {
-        let [green, red, blue] = &rows.codes;
-        let over_green = |of: &[u8]| of.iter().zip(green).map(|(&a, &g)| i32::from(a) - i32::from(g)).collect();
-        let parts: [Vec<i32>; 3] = [green.iter().map(|&g| i32::from(g)).collect(), over_green(red), over_green(blue)];
-        let bases = parts.each_ref().map(|part| part.iter().copied().min().unwrap_or(0));
-        let mut bits = [0u8; 3];
-        for ((part, base), bits) in parts.iter().zip(bases).zip(&mut bits) {
-            let top = part.iter().map(|code| (code - base) as u32).max().unwrap_or(0);
-            *bits = (32 - top.leading_zeros()) as u8;
-        }
-        let entry = &mut block[WAY_HEADER + patch * WAY_ENTRY..][..WAY_ENTRY];
-        entry[..2].copy_from_slice(&planes.to_le_bytes());
-        entry[2] = bits[0] | bits[1] << 4;
-        entry[3] = bits[2] | rows.exponent << 4;
-        entry[4..7].copy_from_slice(&bases.map(|base| base as u8));
-        entry[7] = ERROR.code(rows.error_units);
-        for ((part, base), bits) in parts.iter().zip(bases).zip(bits) {
-            for bit in 0..bits {
-                let from = block.len();
-                block.resize(from + plane_bytes, 0);
-                for (x, code) in part.iter().enumerate() {
-                    block[from + x / 8] |= ((code - base) as u8 >> bit & 1) << (x % 8);
-                }
-            }
-            planes += u16::from(bits);
+pub fn way_block(patches: &[PatchRows], pixels: usize) -> Vec<u8> {
+    let mut block = vec![0u8; (patches.len() * WAY_ENTRY).next_multiple_of(LANE_PAD)];
+    for (patch, rows) in patches.iter().enumerate() {
+        let place = block.len() as u32;
+        let top = rows.codes.iter().flatten().copied().max().unwrap_or(0);
+        let entry = &mut block[patch * WAY_ENTRY..][..WAY_ENTRY];
+        entry[..4].copy_from_slice(&place.to_le_bytes());
+        (entry[4], entry[5]) = (rows.quarters, REST.code(rows.rest_units));
+        entry[6..].copy_from_slice(&top.to_le_bytes());
+        for first in (0..pixels).step_by(STRIP) {
+            let strip = first..pixels.min(first + STRIP);
+            push_strip(&mut block, rows.codes.each_ref().map(|codes| &codes[strip.clone()]));
         }
     }
     block
+}
+
+/// One strip of green, red and blue codes.
+fn push_strip(block: &mut Vec<u8>, [green, red, blue]: [&[u16]; 3]) {
+    let over_green = |of: &[u16]| of.iter().zip(green).map(|(&a, &g)| i32::from(a) - i32::from(g)).collect();
+    let parts: [Vec<i32>; 3] = [green.iter().map(|&g| i32::from(g)).collect(), over_green(red), over_green(blue)];
+    let lowest = parts.each_ref().map(|part| part.iter().copied().min().unwrap_or(0));
+    let fits =
+        |shift: i32| lowest[0] >> shift <= 255 && lowest[1..].iter().all(|low| (-128..128).contains(&(low >> shift)));
+    let shift = (0..15).find(|&shift| fits(shift)).unwrap_or(15);
+    let bases = lowest.map(|low| low >> shift);
+    let mut bits = [0u8; 3];
+    for ((part, base), bits) in parts.iter().zip(bases).zip(&mut bits) {
+        let top = part.iter().map(|code| (code - (base << shift)) as u32).max().unwrap_or(0);
+        *bits = (32 - top.leading_zeros()) as u8;
+    }
+    block.extend([bits[0] | bits[1] << 4, bits[2] | (shift as u8) << 4]);
+    block.extend(bases.map(|base| base as u8));
+    let plane_bytes = padded(green.len()) / 8;
+    for ((part, base), bits) in parts.iter().zip(bases).zip(bits) {
+        for bit in 0..bits {
+            let from = block.len();
+            block.resize(from + plane_bytes, 0);
+            for (x, code) in part.iter().enumerate() {
+                block[from + x / 8] |= (((code - (base << shift)) >> bit & 1) as u8) << (x % 8);
+            }
+        }
+    }
 }
 
 /// A block's record of BNDT (firmware/src/bound.rs).

@@ -18,7 +18,7 @@ use crate::header::{f32_at, u32_at, vec3_at};
 use crate::minifloat::Minifloat;
 use crate::patches::MAX_PATCHES;
 use crate::tile::{LANE_PAD, padded};
-use crate::tone::LINEAR_SLOPE;
+use crate::tone::{LINEAR_SLOPE, ROOT_SLOPE};
 use crate::weights::FixedWeights;
 
 /// Modes of the prior that a bound tells apart.
@@ -160,6 +160,8 @@ pub struct CodeSlope([f32; STEPS]);
 /// Steps from 2^-16 to 1.
 const STEPS: usize = 16 * 8;
 const FIRST_STEP: u32 = (127 - 16) << 3;
+/// Light from which on the curve is no line, and a little more.
+const LINE_END: f32 = 0.003_15;
 
 impl CodeSlope {
     /// Computes the table (512 bytes).
@@ -178,6 +180,13 @@ impl CodeSlope {
         let step = (light.to_bits() >> 20).wrapping_sub(FIRST_STEP) as usize;
         // Light below the table, negative or not a number has the steepest slope.
         if light >= 1.0 { self.0[STEPS - 1] } else { self.0.get(step).copied().unwrap_or(LINEAR_SLOPE) }
+    }
+
+    /// No slope over the square root of light, at this light or above it, is larger.
+    #[inline]
+    pub fn root_above(&self, light: f32) -> f32 {
+        // Where the curve is no line any more its slope over the root falls, too.
+        if light > LINE_END { ROOT_SLOPE.min(self.above(light) * 2.0 * libm::sqrtf(light)) } else { ROOT_SLOPE }
     }
 
     /// The largest change of an 8-bit sRGB code, before rounding, that an error within `plain` and `weighted` (of
@@ -231,6 +240,21 @@ mod tests {
                         }
                     }
                 }
+            }
+        }
+    }
+
+    /// The slope over the square root of light, from any light on.
+    #[test]
+    fn the_slope_over_the_root_is_above_the_curve() {
+        let slope = CodeSlope::new();
+        let code = |root: f64| crate::tone::srgb_code(root * root);
+        for k in 0..4000 {
+            let root = f64::from(k) / 4000.0;
+            let steepest = (code(root + 1e-6) - code(root)) / 1e-6;
+            for below in [0.0, 0.5, 0.9, 1.0] {
+                let light = (root * root * below) as f32;
+                assert!(steepest <= f64::from(slope.root_above(light)) + 1e-3, "{root} {light}: {steepest}");
             }
         }
     }

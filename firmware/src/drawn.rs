@@ -91,25 +91,58 @@ pub fn dark_shares(tile: &Tile<'_>) -> [f32; 3] {
 /// Bounds on how far light may be from what is meant.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Off {
-    /// Of the sky's light, `[plain, weighted][channel]` as in [`crate::bound`].
+    /// Of the sky's light through the factors, `[plain, weighted][channel]` as in [`crate::bound`].
     pub sky: [[f32; 3]; 2],
     /// Of the sun's.
     pub sun: [f32; 3],
+    /// Of patches shown by their own rows ([`crate::wayback`]); the same plain and weighted.
+    pub rows: [f32; 3],
+    /// The same of the square root of their light.
+    pub rows_root: [f32; 3],
 }
 
 impl Off {
+    /// How far tile number `index` shown in `light` may be from the uncompressed response. `all` are the block's
+    /// coefficients with all ranks, and `block_bound` is what [`crate::bound::Bounds::block`] says of the block.
+    pub fn of(
+        (field, index): (&Field<'_>, usize),
+        light: &ShownLight<'_>,
+        (all, block_bound): (&Coefficients, &[[f32; 3]; 2]),
+    ) -> Off {
+        let tile = field.response().tile(index);
+        let mut off = Off { sky: *block_bound, ..Off::default() };
+        off.add_sky(&[light.coefficients.rounding_bound(all, &tile); 2]);
+        let mut squares = [0.0f32; 3];
+        for apart in light.weights.apart() {
+            let Some(rows) = field.way_back().get(index, &tile, usize::from(apart.patch)) else { continue };
+            let (error, rest, unit) = (rows.error() * SLACK, rows.rest() * SLACK, rows.unit() * SLACK);
+            for c in 0..3 {
+                let light = apart.light[c] * tile.row_top(c);
+                off.rows[c] += error * light;
+                off.sky.iter_mut().for_each(|sky| sky[c] += rest * light);
+                squares[c] += unit * light;
+            }
+        }
+        off.rows_root = squares.map(|square| 0.5 * libm::sqrtf(square) * SLACK);
+        off
+    }
+
+    /// Both, one after the other.
+    pub fn and(mut self, other: &Off) -> Off {
+        self.add_sky(&other.sky);
+        let pairs =
+            [(&mut self.sun, &other.sun), (&mut self.rows, &other.rows), (&mut self.rows_root, &other.rows_root)];
+        pairs.into_iter().for_each(|(own, other)| own.iter_mut().zip(other).for_each(|(own, other)| *own += other));
+        self
+    }
+
     fn add_sky(&mut self, other: &[[f32; 3]; 2]) {
         self.sky.iter_mut().flatten().zip(other.iter().flatten()).for_each(|(own, other)| *own += other);
     }
 
-    /// Rows and rounding count the same plain and weighted.
-    fn add_rows(&mut self, rows: [f32; 3]) {
-        self.add_sky(&[rows; 2]);
-    }
-
     /// The largest of any channel.
     pub fn linear(&self) -> f32 {
-        (0..3).fold(0.0f32, |all, c| all.max(self.sky[0][c] + self.sun[c]))
+        (0..3).fold(0.0f32, |all, c| all.max(self.sky[0][c] + self.sun[c] + self.rows[c]))
     }
 }
 
@@ -121,7 +154,6 @@ pub struct DrawnTile {
     apart: [Apart; MAX_STANDOUTS],
     apart_count: usize,
     dimmest: Dimmest,
-    bound: [[f32; 3]; 2],
 }
 
 impl DrawnTile {
@@ -132,24 +164,11 @@ impl DrawnTile {
         apart: [Apart { patch: 0, light: [0.0; 3] }; MAX_STANDOUTS],
         apart_count: 0,
         dimmest: Dimmest { smallest: [0.0; 3], brightness: [0.0; 3] },
-        bound: [[0.0; 3]; 2],
     };
 
-    /// Remembers what tile number `index` shows from now on. `all` are the block's coefficients with all ranks, and
-    /// `block_bound` is what [`crate::bound::Bounds::block`] says of the block. Of patches apart the first
-    /// [`MAX_STANDOUTS`] are remembered: with more, only light that is the same can be compared.
-    pub fn set(
-        &mut self,
-        (field, index): (&Field<'_>, usize),
-        light: &ShownLight<'_>,
-        (all, block_bound): (&Coefficients, &[[f32; 3]; 2]),
-        dimmest: Dimmest,
-    ) {
-        let tile = field.response().tile(index);
-        let mut off = Off { sky: *block_bound, sun: [0.0; 3] };
-        off.add_rows(light.coefficients.rounding_bound(all, &tile));
-        off.add_rows(rows_error(field, index, &tile, light.weights));
-        self.bound = off.sky;
+    /// Remembers what the tile shows from now on. Of patches apart the first [`MAX_STANDOUTS`] are remembered: with more,
+    /// only light that is the same can be compared.
+    pub fn set(&mut self, light: &ShownLight<'_>, dimmest: Dimmest) {
         self.coefficients.copy_from(light.coefficients);
         self.sun_q16 = light.sun_q16;
         self.apart_count = 0;
@@ -160,7 +179,7 @@ impl DrawnTile {
         self.dimmest = dimmest;
     }
 
-    /// How far tile number `index` in `light` may be from what was drawn.
+    /// How far tile number `index`, drawn in `light`, would be from what was drawn.
     pub fn moved(
         &self,
         (field, index): (&Field<'_>, usize),
@@ -170,25 +189,28 @@ impl DrawnTile {
     ) -> Off {
         let tile = field.response().tile(index);
         let sky = light.coefficients.change_bound(&self.coefficients, &tile, reach);
-        let mut off = Off { sky, sun: sun.change(self.sun_q16, light.sun_q16) };
-        off.add_rows(self.rows_change(field, index, &tile, light.weights));
-        off
-    }
-
-    /// How far what is shown may be from the uncompressed response, when the light has moved by `moved` since.
-    pub fn error(&self, moved: &Off) -> Off {
-        let mut off = *moved;
-        off.add_sky(&self.bound);
+        let mut off = Off { sky, sun: sun.change(self.sun_q16, light.sun_q16), ..Off::default() };
+        off.add_sky(&[self.rows_change(field, index, &tile, light.weights); 2]);
         off
     }
 
     /// The largest change of an 8-bit code, before rounding, that `off` makes in a tile of these [`dark_shares`].
+    ///
+    /// One after the other: from what is shown by the factors' part, from there by the sun's, and last by the rows', whose
+    /// light is then one of several that are not negative: the root of their sum moves no further than the root of it.
     pub fn codes(&self, slope: &CodeSlope, dark_shares: &[f32; 3], off: &Off) -> f32 {
         let Dimmest { smallest, brightness } = self.dimmest;
         (0..3).fold(0.0f32, |all, c| {
-            let sun = off.sun[c];
-            let by_sun = if sun > 0.0 { slope.above(smallest[c] - off.sky[0][c] - sun) * sun } else { 0.0 };
-            all.max(slope.codes(off.sky[0][c], off.sky[1][c], brightness[c], dark_shares[c]) + by_sun)
+            let (sun, root) = (off.sun[c], off.rows_root[c]);
+            let left = smallest[c] - off.sky[0][c] - sun;
+            let by_sun = if sun > 0.0 { slope.above(left) * sun } else { 0.0 };
+            let by_rows = if root > 0.0 {
+                let darkest = (libm::sqrtf(left.max(0.0)) - root).max(0.0);
+                slope.root_above(darkest * darkest) * root
+            } else {
+                0.0
+            };
+            all.max(slope.codes(off.sky[0][c], off.sky[1][c], brightness[c], dark_shares[c]) + by_sun + by_rows)
         })
     }
 
@@ -215,16 +237,4 @@ impl DrawnTile {
         }
         sum
     }
-}
-
-/// A bound on the error of the rows of patches apart, per channel.
-fn rows_error(field: &Field<'_>, index: usize, tile: &Tile<'_>, weights: &FixedWeights) -> [f32; 3] {
-    let mut sum = [0.0f32; 3];
-    for apart in weights.apart() {
-        if let Some(rows) = field.way_back().get(index, tile, usize::from(apart.patch)) {
-            let error = rows.error() * SLACK;
-            (0..3).for_each(|c| sum[c] += error * apart.light[c] * tile.row_top(c));
-        }
-    }
-    sum
 }

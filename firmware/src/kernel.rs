@@ -153,7 +153,7 @@ impl Kernel {
     ///
     /// # Panics
     /// If the lengths differ.
-    pub fn add_squares(self, codes: &[u8], unit: f32, plane: &mut [f32]) {
+    pub fn add_squares(self, codes: &[u16], unit: f32, plane: &mut [f32]) {
         assert_eq!(codes.len(), plane.len());
         match self.0 {
             // SAFETY: `Kernel` holds this path only where the processor has AVX2.

@@ -87,12 +87,12 @@ pub struct UnpackedRows<'a> {
     /// Patch.
     pub patch: u16,
     /// Codes, laid out like the row scales.
-    pub codes: &'a [u8],
+    pub codes: &'a [u16],
 }
 
 impl UnpackedRows<'_> {
     /// Unpacks the rows of `patch` in tile number `index` into its slot of `codes`, `[3][padded pixels]`.
-    pub fn unpack(field: &Field<'_>, index: usize, patch: u16, slot: &mut [u8]) {
+    pub fn unpack(field: &Field<'_>, index: usize, patch: u16, slot: &mut [u16]) {
         let tile = field.response().tile(index);
         let n = tile.padded_pixels();
         if let Some(rows) = field.way_back().get(index, &tile, usize::from(patch)) {

@@ -6,6 +6,9 @@
 
 /// Slope of the curve's straight part, codes per unit of linear light; nowhere is it steeper.
 pub const LINEAR_SLOPE: f32 = 12.92 * 255.0;
+/// Steepest slope of the curve over the square root of light: where its straight part ends, `2 sqrt(0.0031308)` times
+/// [`LINEAR_SLOPE`] is 368.7.
+pub const ROOT_SLOPE: f32 = 369.0;
 /// Bits dropped from a float to leave 12 of its mantissa.
 pub const LOG_SHIFT: i32 = 11;
 /// What 2^-16 is then; 1 is 65536 above it.

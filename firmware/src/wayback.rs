@@ -2,39 +2,53 @@
 //!
 //! ```text
 //! WAYT  u32 per tile: place of the tile's block in WAYD, in units of 16 bytes; FFFFFFFF: the tile has none
-//! WAYD  per tile: f32 unit, 12 bytes reserved (0); 8 bytes per patch, together a multiple of 16; bit planes
-//!    0 u16 bit planes of the patches before this one
-//!    2 u8 bits of green | bits of red << 4           3 u8 bits of blue | exponent << 4
-//!    4 u8 base of green, 0..127    5 i8 base of red - green    6 i8 base of blue - green
-//!    7 u8 error, a minifloat from 2^-8 (minifloat.rs)
-//!   plane  n' / 8 bytes: bit x % 8 of byte x / 8 belongs to pixel x; green's planes, red's, blue's, lowest bit first
+//! WAYD  per tile: 8 bytes per patch, together a multiple of 16; then the patches' strips
+//!    0 u32 bytes from the block's start to the patch's first strip
+//!    4 u8 unit in quarters of an octave: 2^(-unit / 4)     5 u8 rest, a minifloat from 2^-1 (minifloat.rs)
+//!    6 u16 largest code of any pixel and channel
+//!   strip  64 padded pixels, the last one what is left of them (a multiple of 16)
+//!    0 u8 bits of green | bits of red << 4                1 u8 bits of blue | shift << 4
+//!    2 u8 base of green    3 i8 base of red - green       4 i8 base of blue - green      (all times 2^shift)
+//!    5 bit planes of pixels / 8 bytes: bit x % 8 of byte x / 8 belongs to pixel x; green's planes, red's, blue's, lowest
+//!      bit first
 //!
-//! green = base + bits; red = green + base + bits; blue = green + base + bits       (0..127)
-//! response[x][c][i] = rows[c][x] 2^re[c] * unit * 2^exponent * code[c][x]^2
-//! error: |response - true| <= value(error) * unit * 65535 * 2^re[c] * (rows[c][x] / 65535)^0.583
+//! green = base + bits; red = green + base + bits; blue = green + base + bits       (0..=8191)
+//! response[x][c][i] = row * unit * code[c][x]^2        with row = rows[c][x] 2^re[c]
+//! |sqrt(true) - sqrt(row * unit) * code| <= sqrt(row * unit) / 2, beside at most
+//!   rest * unit * 65535 * 2^re[c] * (rows[c][x] / 65535)^0.583
 //! ```
 //!
-//! The square spends its steps where the display's curve does. A patch that takes the way back is left out of the
-//! weights that the factors see.
+//! In the square root the error is the same whatever the code, and light of several patches is a sum of squares: by the
+//! triangle inequality the root of their sum is off by at most `sqrt(row * sum_i weight_i unit_i) / 2`. The sRGB curve
+//! over that root is nowhere steeper than [`crate::tone::ROOT_SLOPE`], so the error in codes has one bound for every
+//! light. A patch that takes the way back is left out of the weights that the factors see.
 
 use crate::field::FieldError;
-use crate::header::{f32_at, u16_at, u32_at};
+use crate::header::{u16_at, u32_at};
 use crate::minifloat::Minifloat;
 use crate::tile::{PLACE_UNIT, TILE_PIXELS, Tile, TileSet};
 
 /// Largest code.
-pub const CODE_TOP: f32 = 127.0;
-/// Most doublings of the unit.
-pub const MAX_UNIT_EXPONENT: u8 = 15;
-/// Bytes before the entries.
-pub const WAY_HEADER: usize = 16;
+pub const CODE_TOP: u16 = 8191;
 /// Length of a patch's entry, bytes.
 pub const WAY_ENTRY: usize = 8;
+/// Pixels of a strip.
+pub const STRIP: usize = 64;
+/// Bytes of a strip before its planes.
+pub const STRIP_HEADER: usize = 5;
 /// The place of a tile without rows.
 pub const NO_WAY: u32 = u32::MAX;
 
-/// The codes of errors, in units.
-pub const ERROR: Minifloat = Minifloat::from(-8);
+/// The codes of what is beyond half a step of the root, in units.
+pub const REST: Minifloat = Minifloat::from(-1);
+/// More than single precision loses of a sum over all patches.
+const SUM_LOSS: f32 = 2e-5;
+
+/// What code 1 stands for, over row scale.
+pub fn way_unit(quarters: u8) -> f32 {
+    const PARTS: [f32; 4] = [1.0, 0.840_896_4, core::f32::consts::FRAC_1_SQRT_2, 0.594_603_55];
+    libm::scalbnf(PARTS[usize::from(quarters % 4)], -i32::from(quarters / 4))
+}
 
 /// Checked way-back layers.
 #[derive(Clone, Copy, Debug)]
@@ -48,14 +62,13 @@ pub struct WayBack<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct PatchRows<'a> {
     entry: &'a [u8],
-    planes: &'a [u8],
-    plane_bytes: usize,
-    unit: f32,
+    strips: &'a [u8],
+    pixels: usize,
 }
 
 /// Codes of one patch in one tile, `[red, green, blue][padded pixel]`.
 #[derive(Clone, Debug)]
-pub struct RowCodes(pub [[u8; TILE_PIXELS]; 3]);
+pub struct RowCodes(pub [[u16; TILE_PIXELS]; 3]);
 
 impl Default for RowCodes {
     fn default() -> Self {
@@ -75,25 +88,15 @@ impl<'a> WayBack<'a> {
         }
         for tile in 0..response.tiles() {
             let Some(at) = way.block(tile) else { continue };
-            let table = way.entries_end();
-            let head = blocks.get(at..at + table).ok_or(bad)?;
-            let unit = f32_at(head, 0);
-            let plane_bytes = response.tile(tile).padded_pixels() / 8;
-            let room = (blocks.len() - at - table).checked_div(plane_bytes).unwrap_or(0);
-            let fits = (0..way.patches).all(|patch| {
-                let entry = &head[WAY_HEADER + patch * WAY_ENTRY..];
-                usize::from(u16_at(entry, 0)) + planes_of(entry).iter().sum::<usize>() <= room
-                    && planes_of(entry).iter().all(|&bits| bits <= 8)
-            });
-            if !(fits && unit.is_finite() && unit >= 0.0) {
+            let block = blocks.get(at..).ok_or(bad)?;
+            let entries = block.get(..way.patches * WAY_ENTRY).ok_or(bad)?;
+            let pixels = response.tile(tile).padded_pixels();
+            let fits = |entry: &[u8]| strips_end(block, u32_at(entry, 0) as usize, pixels).is_some();
+            if !entries.chunks_exact(WAY_ENTRY).all(fits) {
                 return Err(bad);
             }
         }
         Ok(way)
-    }
-
-    fn entries_end(&self) -> usize {
-        WAY_HEADER + (self.patches * WAY_ENTRY).next_multiple_of(PLACE_UNIT)
     }
 
     fn block(&self, tile: usize) -> Option<usize> {
@@ -103,13 +106,11 @@ impl<'a> WayBack<'a> {
 
     /// The rows of `patch` in tile number `index`, if the file has them.
     pub fn get(&self, index: usize, tile: &Tile<'_>, patch: usize) -> Option<PatchRows<'a>> {
-        let at = self.block(index).filter(|_| patch < self.patches)?;
-        let entry = &self.blocks[at + WAY_HEADER + patch * WAY_ENTRY..][..WAY_ENTRY];
-        let plane_bytes = tile.padded_pixels() / 8;
-        let planes: usize = planes_of(entry).iter().sum();
-        let from = at + self.entries_end() + usize::from(u16_at(entry, 0)) * plane_bytes;
-        let unit = f32_at(self.blocks, at);
-        Some(PatchRows { entry, planes: &self.blocks[from..][..planes * plane_bytes], plane_bytes, unit })
+        let block = &self.blocks[self.block(index).filter(|_| patch < self.patches)?..];
+        let entry = &block[patch * WAY_ENTRY..][..WAY_ENTRY];
+        let (from, pixels) = (u32_at(entry, 0) as usize, tile.padded_pixels());
+        let end = strips_end(block, from, pixels)?;
+        Some(PatchRows { entry, strips: &block[from..end], pixels })
     }
 
     /// Bytes of all rows.
@@ -118,65 +119,98 @@ impl<'a> WayBack<'a> {
     }
 }
 
+/// Pixels of each strip of a tile.
+fn strip_pixels(pixels: usize) -> impl Iterator<Item = usize> {
+    (0..pixels).step_by(STRIP).map(move |first| STRIP.min(pixels - first))
+}
+
 /// Bit planes of green, red and blue.
-fn planes_of(entry: &[u8]) -> [usize; 3] {
-    [entry[2] & 15, entry[2] >> 4, entry[3] & 15].map(usize::from)
+fn planes_of(strip: &[u8]) -> [usize; 3] {
+    [strip[0] & 15, strip[0] >> 4, strip[1] & 15].map(usize::from)
+}
+
+/// Where the strips that begin at `from` end; `None` where the block has no room for them.
+fn strips_end(block: &[u8], from: usize, pixels: usize) -> Option<usize> {
+    strip_pixels(pixels).try_fold(from, |at, pixels| {
+        let planes: usize = planes_of(block.get(at..)?.get(..STRIP_HEADER)?).iter().sum();
+        let end = at + STRIP_HEADER + planes * (pixels / 8);
+        (end <= block.len()).then_some(end)
+    })
 }
 
 impl PatchRows<'_> {
     /// Bytes that it takes to read them.
     pub fn bytes(&self) -> usize {
-        self.entry.len() + self.planes.len()
+        self.entry.len() + self.strips.len()
     }
 
     /// What `code^2 * row scale code * 2^re` is multiplied by.
     pub fn unit(&self) -> f32 {
-        libm::scalbnf(self.unit, i32::from(self.entry[3] >> 4))
+        way_unit(self.entry[4])
     }
 
-    /// Largest response that the codes can stand for, over row scale.
+    /// Largest response that the codes stand for, over row scale.
     pub fn largest(&self) -> f32 {
-        self.unit() * CODE_TOP * CODE_TOP
+        let top = f32::from(u16_at(self.entry, 6));
+        self.unit() * top * top
     }
 
-    /// Largest error of any pixel, in response per row scale (times 65535 * 2^re: response).
+    /// What is beyond half a step of the root, in response per row scale (times 65535 * 2^re: response).
+    pub fn rest(&self) -> f32 {
+        REST.value(self.entry[5]) * self.unit()
+    }
+
+    /// Largest error of any pixel in all, as [`PatchRows::rest`] counts it.
     pub fn error(&self) -> f32 {
-        ERROR.value(self.entry[7]) * self.unit
+        let top = f32::from(u16_at(self.entry, 6));
+        self.unit() * (top + 0.25 + top * top * SUM_LOSS) + self.rest()
     }
 
     /// Unpacks the codes of all padded pixels.
     pub fn decode(&self, out: &mut RowCodes) {
-        let n = self.plane_bytes * 8;
-        let [green_bits, red_bits, blue_bits] = planes_of(self.entry);
-        let (green_planes, rest) = self.planes.split_at(green_bits * self.plane_bytes);
-        let (red_planes, blue_planes) = rest.split_at(red_bits * self.plane_bytes);
         let [red, green, blue] = &mut out.0;
-        let (red, green, blue) = (&mut red[..n], &mut green[..n], &mut blue[..n]);
-        green.fill(self.entry[4]);
-        add_planes(green_planes, self.plane_bytes, green);
-        for (of, base, planes, bits) in
-            [(red, self.entry[5], red_planes, red_bits), (blue, self.entry[6], blue_planes, blue_bits)]
-        {
-            of.iter_mut().zip(green.iter()).for_each(|(code, green)| *code = green.wrapping_add(base));
-            debug_assert_eq!(planes.len(), bits * self.plane_bytes);
-            add_planes(planes, self.plane_bytes, of);
+        let (mut at, mut first) = (0, 0);
+        for pixels in strip_pixels(self.pixels) {
+            let strip = &self.strips[at..];
+            let (place, plane_bytes, shift) = (first..first + pixels, pixels / 8, strip[1] >> 4);
+            let [green_bits, red_bits, blue_bits] = planes_of(strip).map(|bits| bits * plane_bytes);
+            let (green_planes, rest) = strip[STRIP_HEADER..].split_at(green_bits);
+            let (red_planes, rest) = rest.split_at(red_bits);
+            let green = &mut green[place.clone()];
+            green.fill(u16::from(strip[2]) << shift);
+            add_planes(green_planes, plane_bytes, green);
+            for (of, base, planes) in [(&mut *red, strip[3], red_planes), (&mut *blue, strip[4], &rest[..blue_bits])] {
+                let (of, base) = (&mut of[place.clone()], (i16::from(base as i8) << shift) as u16);
+                of.iter_mut().zip(green.iter()).for_each(|(code, green)| *code = green.wrapping_add(base));
+                add_planes(planes, plane_bytes, of);
+            }
+            at += STRIP_HEADER + green_bits + red_bits + blue_bits;
+            first = place.end;
         }
     }
 }
 
 /// Adds `2^k` where bit plane `k` is set, 8 pixels at a time (wrapping: a damaged file stays harmless).
-fn add_planes(planes: &[u8], plane_bytes: usize, codes: &mut [u8]) {
-    const SPREAD: u64 = 0x0101_0101_0101_0101;
-    const PICK: u64 = 0x8040_2010_0804_0201;
-    for (k, plane) in planes.chunks_exact(plane_bytes.max(1)).enumerate() {
-        for (bits, codes) in plane.iter().zip(codes.as_chunks_mut::<8>().0) {
-            let picked = (u64::from(*bits) * SPREAD) & PICK;
-            // One in every byte that has its bit: adding 7F carries into the top bit of each byte that is not 0.
-            let ones = ((((picked & !(SPREAD << 7)) + SPREAD * 0x7f) | picked) >> 7) & SPREAD;
-            let bytes = (ones << k).to_le_bytes();
-            codes.iter_mut().zip(bytes).for_each(|(code, bit)| *code = code.wrapping_add(bit));
+fn add_planes(planes: &[u8], plane_bytes: usize, codes: &mut [u16]) {
+    for (place, codes) in codes.as_chunks_mut::<8>().0.iter_mut().enumerate().take(plane_bytes) {
+        // Eight planes fill the bytes of a word; what is above comes on top.
+        let mut high = 0;
+        for planes in planes.chunks(8 * plane_bytes) {
+            let bits = planes.iter().skip(place).step_by(plane_bytes).enumerate();
+            let bytes = bits.fold(0u64, |sum, (k, bits)| sum | ones(*bits) << k).to_le_bytes();
+            codes.iter_mut().zip(bytes).for_each(|(code, byte)| *code = code.wrapping_add(u16::from(byte) << high));
+            high += 8;
         }
     }
+}
+
+/// One in every byte whose bit is set.
+fn ones(bits: u8) -> u64 {
+    const SPREAD: u64 = 0x0101_0101_0101_0101;
+    const PICK: u64 = 0x8040_2010_0804_0201;
+    let picked = (u64::from(bits) * SPREAD) & PICK;
+    // Adding 7F carries into the top bit of each byte that is not 0.
+    ((((picked & !(SPREAD << 7)) + SPREAD * 0x7f) | picked) >> 7) & SPREAD
 }
 
 #[cfg(test)]
@@ -185,12 +219,20 @@ mod tests {
 
     #[test]
     fn planes_add_their_bits() {
-        let planes = [0b1010_0101u8, 0xff, 0b0000_1111, 0x01];
-        let mut codes = [3u8; 16];
+        let planes: [u8; 22] = core::array::from_fn(|k| (k * 89 + 37) as u8);
+        let mut codes = [3u16; 16];
         add_planes(&planes, 2, &mut codes);
         for (x, code) in codes.iter().enumerate() {
-            let bit = |plane: usize| planes[plane * 2 + x / 8] >> (x % 8) & 1;
-            assert_eq!(*code, 3 + bit(0) + 2 * bit(1), "{x}");
+            let bit = |plane: usize| u16::from(planes[plane * 2 + x / 8] >> (x % 8) & 1);
+            assert_eq!(*code, 3 + (0..11).map(|plane| bit(plane) << plane).sum::<u16>(), "{x}");
+        }
+    }
+
+    #[test]
+    fn units_are_quarters_of_octaves() {
+        for quarters in 0..=255u8 {
+            let exact = libm::exp2(-f64::from(quarters) / 4.0);
+            assert!((f64::from(way_unit(quarters)) / exact - 1.0).abs() < 1e-6);
         }
     }
 }

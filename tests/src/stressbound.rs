@@ -1,8 +1,9 @@
 //! The certified bound of every tile under a light beside the tile's true error against the uncompressed response.
 
 use crate::stressfield::{Matter, StressField};
-use relume_firmware::bound::{BoundLight, CodeSlope, DARK_POWER, dark_share};
+use relume_firmware::bound::{BoundLight, CodeSlope, DARK_POWER};
 use relume_firmware::coefficients::Coefficients;
+use relume_firmware::drawn::{Dimmest, DrawnTile, Off, ShownLight, dark_shares};
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
 use relume_firmware::relight::{LinearTile, TileLight};
@@ -92,46 +93,34 @@ impl<'a> Examiner<'a> {
         rows.map(sum).collect()
     }
 
-    /// Linear values of a tile, `[pixel][3]`, with their bounds `[plain, weighted][channel]` and codes per channel.
-    fn shown(&mut self, index: usize) -> (Vec<f32>, [[f32; 3]; 2], [f32; 3]) {
+    /// Linear values of a tile, `[pixel][3]`, with their bounds.
+    fn shown(&mut self, index: usize) -> (Vec<f32>, Off, DrawnTile) {
         let response = self.field.response();
         let tile = response.tile(index);
         let (mut all, mut used) = (Coefficients::ZERO, Coefficients::ZERO);
         all.project(&tile, &self.weights, self.kernel, usize::MAX);
         used.copy_from(&all);
         used.limit_rank(self.max_rank);
-        let mut bound = self.field.bounds().expect("bounds").block(response.block_of(index), &self.bound_light);
-        let rounding = used.rounding_bound(&all, &tile);
-        let rows = self.rows_error(index, &tile);
-        bound.iter_mut().for_each(|kind| (0..3).for_each(|c| kind[c] += rounding[c] + rows[c]));
+        let block = self.field.bounds().expect("bounds").block(response.block_of(index), &self.bound_light);
+        let shown = ShownLight { coefficients: &used, weights: &self.weights, sun_q16: [0; 3] };
+        let off = Off::of((&self.field, index), &shown, (&all, &block));
         let light = TileLight { sun: None, weights: &self.weights, unpacked: &[] };
         let extent = used.pixels(&self.field, index, &light, self.kernel, &mut self.linear);
-        let smallest = extent.smallest();
-        let codes = core::array::from_fn(|c| {
-            let darkest = row_shares(&tile, c).filter(|&row| row > 0.0).fold(1.0, f32::min);
-            self.slope.codes(bound[0][c], bound[1][c], smallest[c], dark_share(darkest))
-        });
-        ((0..tile.pixels()).flat_map(|x| self.linear.rgb(x)).collect(), bound, codes)
-    }
-
-    /// A bound on the error of the rows of patches apart.
-    fn rows_error(&self, index: usize, tile: &Tile<'_>) -> [f32; 3] {
-        let way = self.field.way_back();
-        let rows = self.weights.apart().filter_map(|a| Some((a, way.get(index, tile, usize::from(a.patch))?)));
-        rows.fold([0.0; 3], |sum, (apart, rows)| {
-            core::array::from_fn(|c| sum[c] + rows.error() * apart.light[c] * tile.row_top(c) * 1.0001)
-        })
+        let mut drawn = DrawnTile::NOTHING;
+        drawn.set(&shown, Dimmest::of_extent(extent));
+        ((0..tile.pixels()).flat_map(|x| self.linear.rgb(x)).collect(), off, drawn)
     }
 
     /// Bound and error of a tile under the light that was set.
     pub fn tile(&mut self, index: usize, light: &[[f32; 3]], exposure: f32) -> TileFound {
         let exact = self.exact(index, light, exposure);
-        let (shown, bound, codes) = self.shown(index);
+        let (shown, off, drawn) = self.shown(index);
         let tile = self.field.response().tile(index);
+        let codes = drawn.codes(&self.slope, &dark_shares(&tile), &off);
         let mut found = TileFound::default();
         for c in 0..3 {
-            let bound =
-                Measured { plain: bound[0][c].into(), weighted: bound[1][c].into(), codes: f64::from(codes[c]) };
+            let [plain, weighted] = [0, 1].map(|kind: usize| f64::from(off.sky[kind][c] + off.rows[c]));
+            let bound = Measured { plain, weighted, codes: codes.into() };
             for (x, row) in row_shares(&tile, c).enumerate() {
                 let (truth, shown) = (exact[3 * x + c], f64::from(shown[3 * x + c]));
                 let plain = (truth - shown).abs();

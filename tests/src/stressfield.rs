@@ -1,6 +1,7 @@
 //! Fields of closed-form responses that are hard on numbers, with the uncompressed response kept beside them.
 
 use relume_bake::blocks::{BlockCompressor, BlockTile};
+use relume_bake::compress::Whites;
 use relume_bake::response::TileResponse;
 use relume_bake::scene::Scene;
 use relume_bake::sunlayers::CasterLayers;
@@ -114,23 +115,24 @@ impl StressField {
     /// If the writer and the reader of fields contradict each other.
     pub fn new(upper: usize, size: (u32, u32), error: f64, matter: &[Matter], scale: f32) -> Self {
         let patches = PatchSet::new(upper).expect("a patch count in range");
-        let compressor = BlockCompressor::new(&patches, error, CasterLayers::new(&Scene::default()));
         let (edge, block) = (TILE_PX as u32, BLOCK_TILES as u32);
         let (columns, rows) = (size.0.div_ceil(edge), size.1.div_ceil(edge));
+        let matter: Vec<Matter> = matter.iter().copied().cycle().take((columns * rows) as usize).collect();
+        let tile = |index: usize| {
+            let at = (index as u32 % columns, index as u32 / columns);
+            tile_response(&patches, at, size, matter[index], scale)
+        };
+        let responses: Vec<Vec<f32>> = (0..matter.len()).map(|index| tile(index).response).collect();
+        let whites = Whites::of(&responses.concat(), patches.len());
+        let compressor = BlockCompressor::new(&patches, error, whites, CasterLayers::new(&Scene::default()));
         let mut writer = FieldWriter::default();
         writer.set_bound_basis(compressor.bound_basis_bytes());
         let mut tiles = Vec::new();
-        let matter: Vec<Matter> = matter.iter().copied().cycle().take((columns * rows) as usize).collect();
-        let mut responses = vec![Vec::new(); matter.len()];
         for (by, bx) in (0..rows.div_ceil(block)).flat_map(|y| (0..columns.div_ceil(block)).map(move |x| (y, x))) {
             let places = (by * block..rows.min(by * block + block))
                 .flat_map(|y| (bx * block..columns.min(bx * block + block)).map(move |x| (x, y)));
-            let of_block = places.map(|at| {
-                let index = (at.1 * columns + at.0) as usize;
-                let response = tile_response(&patches, at, size, matter[index], scale);
-                responses[index].clone_from(&response.response);
-                BlockTile { at, response, bounce: Vec::new() }
-            });
+            let of_block =
+                places.map(|at| BlockTile { at, response: tile((at.1 * columns + at.0) as usize), bounce: Vec::new() });
             let found = compressor.block(of_block.collect());
             writer.push_bound(&found.bound);
             tiles.extend(found.tiles);

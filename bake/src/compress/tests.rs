@@ -1,6 +1,7 @@
 use super::*;
 use crate::prior::{Mixture, Random, draw_skies};
 use relume_firmware::patches::PatchSet;
+use relume_firmware::wayback::way_unit;
 use std::sync::OnceLock;
 
 fn set() -> PatchSet {
@@ -230,18 +231,18 @@ fn a_torch_is_restored_by_its_own_rows() {
     let response = street(256, 0.1);
     let block = compress(&response, patches, prior(), &Target { error: 0.01, max_rank: 96 });
     let top = block.row_scale.iter().fold([0.0f32; 3], |top, s| [0, 1, 2].map(|c| top[c].max(s[c])));
-    let rows = tile_rows(&response, patches, &block, 0..256, top);
+    let rows = tile_rows(&response, &Whites::of(&response, patches), &block, 0..256, top);
     let mut torch = vec![0.0; patches];
     torch[40] = 1.0;
     let (exact, shown) = lit(&response, &block, &torch);
-    let patch = &rows.patches[40];
-    let unit = rows.unit * 2f32.powi(i32::from(patch.exponent));
+    let patch = &rows[40];
+    let unit = f64::from(way_unit(patch.quarters));
     let restored: Vec<f64> = (0..256 * 3)
         .map(|i| {
-            let code = f32::from(patch.codes[[1, 0, 2][i % 3]][i / 3]);
-            let value = f64::from(block.row_scale[i / 3][i % 3] * unit * code * code);
-            assert!((value - exact[i]).abs() <= f64::from(patch.error_units * rows.unit * top[i % 3]) * 1.0001);
-            value
+            let code = f64::from(patch.codes[[1, 0, 2][i % 3]][i / 3]);
+            let step = f64::from(block.row_scale[i / 3][i % 3]) * unit;
+            assert!((code * step.sqrt() - exact[i].sqrt()).abs() <= 0.50001 * step.sqrt());
+            code * code * step
         })
         .collect();
     let (before, after) = (relative_rmse(&exact, &shown), relative_rmse(&exact, &restored));
@@ -257,10 +258,11 @@ fn rows_of_a_single_channel_are_restored() {
     let block = compress(&response, patches, prior(), &target());
     let bytes = crate::encode::TileBytes::new(&block, 0..64, [255; 32], patches);
     let top = bytes.row_top();
-    let rows = tile_rows(&response, patches, &block, 0..64, top);
+    let rows = tile_rows(&response, &Whites::of(&response, patches), &block, 0..64, top);
     let largest = response.iter().fold(0.0f32, |top, &r| top.max(r));
-    for patch in &rows.patches {
-        let bound = top.map(|top| patch.error_units * rows.unit * top);
+    for patch in &rows {
+        let codes = f32::from(patch.codes.iter().flatten().copied().max().unwrap_or(0)) + 0.25;
+        let bound = top.map(|top| (codes + patch.rest_units) * way_unit(patch.quarters) * top);
         assert!(bound.iter().all(|&bound| bound < 0.1 * largest), "{bound:?} {largest}");
     }
 }

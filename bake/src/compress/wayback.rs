@@ -1,91 +1,152 @@
 //! The way back: every patch's rows once more, each on its own (firmware/src/wayback.rs).
 //!
 //! Light that no prior expects (one patch far brighter than its neighbours, a lamp) shows the factors' error of its
-//! patch. Such a patch is taken out of the factors' weights and its own rows are added instead.
+//! patch. Such a patch is taken out of the factors' weights and its own rows are added instead. A patch's unit is such that
+//! [`WHITE_CODE`] stands for display white in its own picture, at the exposure that shows the patch alone: where the small
+//! picture that tells this white is right, the patch alone is bound to 3.4 codes, rounding included. It is not right for a
+//! patch that about one pixel in a hundred sees: the bound holds there, too, but is large.
 
 use super::Compressed;
 use relume_firmware::bound::DARK_POWER;
-use relume_firmware::wayback::{CODE_TOP, MAX_UNIT_EXPONENT};
+use relume_firmware::wayback::{CODE_TOP, way_unit};
+use std::ops::Range;
 
-/// Code that stands for a patch's share of light when all patches are alike, times [`FAIR_TIMES`].
-const FAIR_CODE: f32 = 100.0;
-const FAIR_TIMES: f32 = 4.0;
+/// Code of display white under the patch alone, in the tile's brightest row.
+const WHITE_CODE: f64 = 66.0;
+/// Display white over the 99th percentile of what a light shows (the design's exposure).
+const WHITE_TIMES_PERCENTILE: f32 = 1.25;
+const PERCENTILE: f64 = 0.99;
 
-/// One patch's rows in one tile: `response / row scale ~ unit * 2^exponent * code^2`.
+/// The response that display white is under each patch alone, `[patch]`; 0 where it lights nothing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Whites(Vec<f32>);
+
+impl Whites {
+    /// From responses `[pixel][3][patch]` spread over the picture. Where these may be too few to tell (a patch that about
+    /// one pixel in a hundred sees), the darker white that two standard deviations leave possible is taken.
+    pub fn of(response: &[f32], patches: usize) -> Self {
+        let pixels = (response.len() / (3 * patches.max(1))).max(1) as f64;
+        let share = PERCENTILE - 2.0 * (PERCENTILE * (1.0 - PERCENTILE) / pixels).sqrt();
+        let white = |patch: usize| {
+            let mut values: Vec<f32> = response.iter().skip(patch).step_by(patches.max(1)).copied().collect();
+            if values.is_empty() {
+                return 0.0;
+            }
+            let place = (share.max(0.0) * (values.len() - 1) as f64) as usize;
+            let (_, &mut level, above) = values.select_nth_unstable_by(place, f32::total_cmp);
+            let top = above.iter().fold(level, |top, v| top.max(*v));
+            // What fewer see than the percentile counts has no exposure of its own: the brightest pixel is its white.
+            if level > 0.0 { level * WHITE_TIMES_PERCENTILE } else { top.max(0.0) }
+        };
+        Whites((0..patches).map(white).collect())
+    }
+}
+
+/// One patch's rows in one tile: `response / row scale ~ way_unit(quarters) * code^2`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PatchRows {
-    /// `[pixel]` of green, red, blue, 0..=127.
-    pub codes: [Vec<u8>; 3],
-    /// Doublings of the unit.
-    pub exponent: u8,
-    /// Largest error of any pixel and channel, in units, over what a row scale of 65535 means and over
-    /// (row scale / 65535)^0.583.
-    pub error_units: f32,
+    /// `[pixel]` of green, red, blue.
+    pub codes: [Vec<u16>; 3],
+    /// Of the unit.
+    pub quarters: u8,
+    /// What is beyond half a step of the root in any pixel and channel, in units over what a row scale of 65535 means and
+    /// over (row scale / 65535)^0.583.
+    pub rest_units: f32,
 }
 
-/// All patches of one tile.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TileRows {
-    /// Response per row scale that code 1 stands for.
-    pub unit: f32,
-    /// `[patch]`.
-    pub patches: Vec<PatchRows>,
-}
-
-/// The rows of a tile: pixels from `first` of `response` (`[pixel][3][patch]`), which `block` was made from. `row_top`
-/// is what a row scale of 65535 means, per channel.
+/// The rows of a tile, `[patch]`: the pixels `pixels` of `response` (`[pixel][3][patch]`), which `block` was made from.
+/// `row_top` is what a row scale of 65535 means, per channel.
 pub fn tile_rows(
     response: &[f32],
-    patches: usize,
+    whites: &Whites,
     block: &Compressed,
-    pixels: std::ops::Range<usize>,
+    pixels: Range<usize>,
     row_top: [f32; 3],
-) -> TileRows {
-    let scale = |pixel: usize, c: usize| block.row_scale[pixel][c];
-    let row = |pixel: usize, c: usize| &response[(pixel * 3 + c) * patches..][..patches];
-    let (mut sum, mut lit) = (0.0f64, 0usize);
-    let channels = || pixels.clone().flat_map(|pixel| [0, 1, 2].map(|c| (pixel, c)));
-    for (pixel, c) in channels().filter(|&(pixel, c)| scale(pixel, c) > 0.0) {
-        sum += f64::from(row(pixel, c).iter().sum::<f32>() / scale(pixel, c));
-        lit += 1;
-    }
-    let fair = (sum / (lit.max(1) * patches.max(1)) as f64) as f32;
-    let unit = if fair > 0.0 && fair.is_finite() {
-        fair * FAIR_TIMES / (FAIR_CODE * FAIR_CODE)
-    } else {
-        // All codes are 0: the unit only measures what is left out.
-        let left_out =
-            |(pixel, c): (usize, usize)| row(pixel, c).iter().fold(0.0f32, |top, r| top.max(r.abs())) / row_top[c];
-        Some(channels().map(left_out).fold(0.0, f32::max)).filter(|&unit| unit > 0.0 && unit.is_finite()).unwrap_or(1.0)
+) -> Vec<PatchRows> {
+    let lit = |c: usize| pixels.clone().any(|pixel| block.row_scale[pixel][c] > 0.0);
+    let brightest = (0..3).filter(|&c| lit(c)).map(|c| row_top[c]).fold(0.0f32, f32::max);
+    let unit_of = |white: f32| f64::from(white) / f64::from(brightest) / (WHITE_CODE * WHITE_CODE);
+    let patches = whites.0.len();
+    let of_patch = |(patch, &white): (usize, &f32)| {
+        let own = PatchResponse { response: &response[patch..], patches, block, pixels: pixels.clone(), row_top };
+        own.rows(unit_of(white))
     };
-    let of_patch = |patch: usize| {
-        let share = |pixel: usize, c: usize| {
-            let scale = scale(pixel, c);
-            if scale > 0.0 { (row(pixel, c)[patch] / (scale * unit)).max(0.0) } else { f32::NAN }
-        };
-        let wanted = [1, 0, 2].map(|c| pixels.clone().map(|pixel| share(pixel, c)).collect::<Vec<f32>>());
-        let top = wanted.iter().flatten().fold(0.0f32, |top, v| top.max(*v));
-        let doublings = (top / (CODE_TOP * CODE_TOP)).log2().ceil().clamp(0.0, f32::from(MAX_UNIT_EXPONENT));
-        let exponent = doublings as u8;
-        let step = 2f32.powi(i32::from(exponent));
-        // Not a number: the channel is black in this pixel, and its code says nothing.
-        let code = |share: &f32| if share.is_nan() { 0 } else { (share / step).sqrt().round().min(CODE_TOP) as u8 };
-        let green: Vec<u8> = wanted[0].iter().map(code).collect();
+    whites.0.iter().enumerate().map(of_patch).collect()
+}
+
+/// One patch's response in one tile.
+struct PatchResponse<'a> {
+    /// `[pixel of the block][3]`, `patches` apart.
+    response: &'a [f32],
+    patches: usize,
+    block: &'a Compressed,
+    pixels: Range<usize>,
+    row_top: [f32; 3],
+}
+
+impl PatchResponse<'_> {
+    fn value(&self, pixel: usize, c: usize) -> f64 {
+        f64::from(self.response[(pixel * 3 + c) * self.patches])
+    }
+
+    fn scale(&self, pixel: usize, c: usize) -> f64 {
+        f64::from(self.block.row_scale[pixel][c])
+    }
+
+    /// What errors count by: over the power of the row scale that the weighted bound is relative to, which also covers the
+    /// plain one.
+    fn dark(&self, pixel: usize, c: usize) -> f64 {
+        let top = f64::from(self.row_top[c]);
+        top * (self.scale(pixel, c) / top).max(1.0 / 65535.0).powf(DARK_POWER.into())
+    }
+
+    /// Response over row scale.
+    fn share(&self, pixel: usize, c: usize) -> f64 {
+        let scale = self.scale(pixel, c);
+        if scale > 0.0 { self.value(pixel, c) / scale } else { self.value(pixel, c).abs() / self.dark(pixel, c) }
+    }
+
+    /// `None`: the channel is black there whatever its code.
+    fn code(&self, pixel: usize, c: usize, unit: f64) -> Option<u16> {
+        let root = (self.share(pixel, c).max(0.0) / unit).sqrt();
+        (self.scale(pixel, c) > 0.0).then(|| root.round().min(f64::from(CODE_TOP)) as u16)
+    }
+
+    fn rows(&self, wanted_unit: f64) -> PatchRows {
+        let pixels = || self.pixels.clone();
+        let top = pixels().flat_map(|pixel| [0, 1, 2].map(|c| self.share(pixel, c))).fold(0.0, f64::max);
+        let quarters = quarters_of(wanted_unit, top);
+        let unit = f64::from(way_unit(quarters));
+        let green: Vec<u16> = pixels().map(|pixel| self.code(pixel, 1, unit).unwrap_or(0)).collect();
         // A channel that is black whatever its code takes green's.
-        let like_green = |of: &[f32]| -> Vec<u8> {
-            of.iter().zip(&green).map(|(share, &green)| if share.is_nan() { green } else { code(share) }).collect()
-        };
-        let codes = [green.clone(), like_green(&wanted[1]), like_green(&wanted[2])];
-        let mut error = 0.0f32;
+        let like_green =
+            |c: usize| pixels().zip(&green).map(|(pixel, green)| self.code(pixel, c, unit).unwrap_or(*green)).collect();
+        let codes = [green.clone(), like_green(0), like_green(2)];
+        let mut rest = 0.0f64;
         for (codes, c) in codes.iter().zip([1, 0, 2]) {
-            for (pixel, &code) in pixels.clone().zip(codes) {
-                let shown = scale(pixel, c) * unit * step * f32::from(code) * f32::from(code);
-                // Over the power of the row scale that the weighted bound is relative to, which also covers the plain one.
-                let dark = (scale(pixel, c) / row_top[c]).max(1.0 / 65535.0).powf(DARK_POWER);
-                error = error.max((row(pixel, c)[patch] - shown).abs() / (row_top[c] * unit * dark));
+            for (pixel, &code) in pixels().zip(codes) {
+                let off = beyond(self.value(pixel, c), self.scale(pixel, c) * unit, f64::from(code));
+                rest = rest.max(off / (self.dark(pixel, c) * unit));
             }
         }
-        PatchRows { codes, exponent, error_units: error * 1.0001 }
-    };
-    TileRows { unit, patches: (0..patches).map(of_patch).collect() }
+        PatchRows { codes, quarters, rest_units: (rest * 1.0001) as f32 }
+    }
+}
+
+/// The largest unit not above `wanted` whose codes reach `top`.
+fn quarters_of(wanted: f64, top: f64) -> u8 {
+    let wanted = if wanted > 0.0 && wanted.is_finite() { wanted } else { top / (WHITE_CODE * WHITE_CODE) };
+    let largest = f64::from(CODE_TOP) - 1.0;
+    let quarters = |unit: f64| -4.0 * unit.log2();
+    // Both are limits: of a unit of no light at all nothing is left but the smallest.
+    let (fine, coarse) = (quarters(wanted).ceil(), quarters(top / (largest * largest)).floor());
+    fine.min(coarse).clamp(0.0, 255.0) as u8
+}
+
+/// How far `value` is from all that is within half a step of the root from `code`.
+fn beyond(value: f64, step: f64, code: f64) -> f64 {
+    let (low, high) = ((code - 0.5).max(0.0).powi(2) * step, (code + 0.5).powi(2) * step);
+    let off = (low - value).max(value - high).max(0.0);
+    // A root that lies right between two codes.
+    if off <= 1e-9 * high { 0.0 } else { off }
 }

@@ -111,7 +111,7 @@ impl TileState {
         if self.drawn.codes(light.slope, &self.dark_shares, &moved) >= HALF_CODE {
             return false;
         }
-        self.note_bound(light.slope, &moved);
+        self.note_bound((field, index), projected, light, &moved);
         self.judged_light = light.number;
         true
     }
@@ -124,16 +124,16 @@ impl TileState {
         (light, dimmest): (FrameLight<'_>, Dimmest),
         place: Place,
     ) {
-        let all = (&projected.coefficients, &projected.bound);
-        self.drawn.set(tile, &light.on(projected), all, dimmest);
+        self.drawn.set(&light.on(projected), dimmest);
         self.place = Some(place);
         (self.judged_light, self.level) = (light.number, light.level);
         self.sun.reset();
-        self.note_bound(light.slope, &Off::default());
+        self.note_bound(tile, projected, light, &Off::default());
     }
 
-    fn note_bound(&mut self, slope: &CodeSlope, moved: &Off) {
-        let error = self.drawn.error(moved);
-        self.shown_bound = (error.linear(), self.drawn.codes_rounded(slope, &self.dark_shares, &error));
+    /// `moved`: how far what is shown may be from what `light` would show.
+    fn note_bound(&mut self, tile: (&Field<'_>, usize), projected: &Projected, light: FrameLight<'_>, moved: &Off) {
+        let error = Off::of(tile, &light.on(projected), (&projected.coefficients, &projected.bound)).and(moved);
+        self.shown_bound = (error.linear(), self.drawn.codes_rounded(light.slope, &self.dark_shares, &error));
     }
 }

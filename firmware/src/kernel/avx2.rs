@@ -252,7 +252,7 @@ fn table(bytes: &[u8; 16]) -> __m256i {
 /// # Safety
 /// AVX2.
 #[target_feature(enable = "avx2")]
-pub unsafe fn add_squares(codes: &[u8], unit: f32, plane: &mut [f32]) {
+pub unsafe fn add_squares(codes: &[u16], unit: f32, plane: &mut [f32]) {
     super::scalar::add_squares(codes, unit, plane);
 }
 

@@ -85,7 +85,7 @@ impl Drawing<'_> {
             let limited = self.limited(block);
             let shown = self.light(block, limited.as_ref());
             if !self.for_time {
-                state.judge(index, self, block.level, &shown);
+                state.judge(index, self, (block, &shown));
             }
             let one = usize::from(!state.empty);
             let at = (column * TILE_PX, row * TILE_PX);
@@ -115,7 +115,7 @@ impl Drawing<'_> {
     pub(super) fn judge(&self, index: usize, state: &mut TileState) {
         let block = &self.blocks[self.field.response().block_of(index)];
         let limited = self.limited(block);
-        state.judge(index, self, block.level, &self.light(block, limited.as_ref()));
+        state.judge(index, self, (block, &self.light(block, limited.as_ref())));
     }
 
     /// The light of a block, with no more ranks than the frame allows.

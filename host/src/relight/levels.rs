@@ -31,7 +31,7 @@ pub(super) struct Levels {
 /// Unpacked rows of a patch that outshines the sky.
 struct Unpacked {
     patch: Option<u16>,
-    codes: Vec<u8>,
+    codes: Vec<u16>,
 }
 
 impl Levels {

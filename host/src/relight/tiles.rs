@@ -2,7 +2,6 @@
 
 use super::blocks::Block;
 use super::draw::Drawing;
-use relume_firmware::bound::CodeSlope;
 use relume_firmware::coefficients::TileReach;
 use relume_firmware::drawn::{Dimmest, DrawnTile, HALF_CODE, Off, ShownLight, SunDrift, dark_shares};
 use relume_firmware::edge::Edges;
@@ -93,7 +92,8 @@ impl TileState {
     }
 
     /// Finds how urgent tile number `index` is in `light`. Also brings `shown_bound` up to date if it may stay or wait.
-    pub(super) fn judge(&mut self, index: usize, drawing: &Drawing<'_>, level: usize, light: &ShownLight<'_>) {
+    pub(super) fn judge(&mut self, index: usize, drawing: &Drawing<'_>, (block, light): (&Block, &ShownLight<'_>)) {
+        let level = block.level;
         self.waits = false;
         self.urgency = if !self.is_drawn || self.level != level {
             f32::INFINITY
@@ -103,7 +103,7 @@ impl TileState {
             // With as many patches apart as on higher levels only the same light can be compared.
             f32::INFINITY
         } else {
-            self.change(index, drawing, light) * (1.0 + self.frames_waited as f32)
+            self.change(index, drawing, (block, light)) * (1.0 + self.frames_waited as f32)
         };
     }
 
@@ -114,12 +114,12 @@ impl TileState {
     }
 
     /// Codes by which the light may have changed since the tile was drawn; 0 for less than a half.
-    fn change(&mut self, index: usize, drawing: &Drawing<'_>, light: &ShownLight<'_>) -> f32 {
+    fn change(&mut self, index: usize, drawing: &Drawing<'_>, (block, light): (&Block, &ShownLight<'_>)) -> f32 {
         let moved = self.drawn.moved((drawing.field, index), light, &TileReach(&self.reach), &self.sun);
         let codes = self.drawn.codes(drawing.slope, &self.dark_shares, &moved);
         let changed = codes >= HALF_CODE;
         if !changed || drawing.for_time {
-            self.note_bound(drawing.slope, &moved);
+            self.note_bound(index, drawing, (block, light), &moved);
         }
         if changed {
             return codes;
@@ -136,16 +136,23 @@ impl TileState {
         (block, light): (&Block, &ShownLight<'_>),
         dimmest: Dimmest,
     ) {
-        self.drawn.set((drawing.field, index), light, (&block.coefficients, &block.bound), dimmest);
+        self.drawn.set(light, dimmest);
         (self.is_drawn, self.moment) = (true, drawing.moment);
         self.frames_waited = 0;
         (self.level, self.view) = (block.level, drawing.view);
         self.sun.reset();
-        self.note_bound(drawing.slope, &Off::default());
+        self.note_bound(index, drawing, (block, light), &Off::default());
     }
 
-    fn note_bound(&mut self, slope: &CodeSlope, moved: &Off) {
-        let error = self.drawn.error(moved);
-        self.shown_bound = (error.linear(), self.drawn.codes_rounded(slope, &self.dark_shares, &error));
+    /// `moved`: how far what is shown may be from what `light` would show.
+    fn note_bound(
+        &mut self,
+        index: usize,
+        drawing: &Drawing<'_>,
+        (block, light): (&Block, &ShownLight<'_>),
+        moved: &Off,
+    ) {
+        let error = Off::of((drawing.field, index), light, (&block.coefficients, &block.bound)).and(moved);
+        self.shown_bound = (error.linear(), self.drawn.codes_rounded(drawing.slope, &self.dark_shares, &error));
     }
 }

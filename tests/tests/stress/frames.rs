@@ -246,6 +246,29 @@ fn dark_tiles_stay_near_their_codes() {
     }
 }
 
+/// Light that the factors hardly see, faint enough for a tile to stay dark: what it truly adds is within the tile's bound.
+#[test]
+fn tiles_that_stay_as_they_are_are_bound_in_the_new_light() {
+    let stress = StressField::new(64, (16, 16), 0.5, &[Matter::Checkers], 1.0);
+    let mut examiner = Examiner::new(&stress);
+    let mut kept = 0;
+    for at in (0..256 * 3).step_by(37) {
+        let given = light::along(&examiner.residual(0, at), 1.0, false);
+        let white = 1.0 / brightest(&stress, &given);
+        for level in [1e-3, 3e-4, 1e-4, 3e-5] {
+            let mut shown = Shown::new(&stress, Kernel::detect());
+            shown.frame(&vec![[0.0; 3]; given.len()], 1.0);
+            let counters = shown.frame(&given, white * level);
+            let bound = shown.relighter.tile_bounds().next().flatten().unwrap();
+            if counters.tiles_drawn == 0 {
+                kept += 1;
+                assert!(bound.0 >= level, "pixel {at}: {level} beyond {}", bound.0);
+            }
+        }
+    }
+    assert!(kept > 10, "{kept}");
+}
+
 /// Largest value of any pixel.
 fn brightest(stress: &StressField, given: &PatchLight) -> f32 {
     let rows = stress.responses.iter().flat_map(|tile| tile.chunks_exact(given.len()).enumerate());
