@@ -276,23 +276,6 @@ enum relume_error relume_coverage(const struct relume *object, uint8_t *coverage
 // null or readable, and `radiance_rgb` in it null or 3 * `patches` readable numbers.
 enum relume_error relume_set_light(struct relume *object, const struct relume_light *light);
 
-// Allows an error of at most `codes` 8-bit codes from the next light on, as bound in reports; 0: whatever it comes to, as in
-// the beginning. Every tile is drawn anew. A budget is kept to by `relume_restore`.
-//
-// # Safety
-// `object` is null or came from `relume_open`, its memory is still there, and nobody else uses it meanwhile.
-enum relume_error relume_set_error_budget(struct relume *object,
-                                          float codes);
-
-// Takes more of the field where the frame drawn last is further off than the error budget allows, and writes to `*blocks` how
-// many blocks of 2 x 2 tiles that concerns. Relight all bands and call again until there are none: then the frame is
-// within the budget, or the field has no more (its report says so).
-//
-// # Safety
-// As `relume_set_error_budget`; `blocks` is null or writable.
-enum relume_error relume_restore(struct relume *object,
-                                 uint32_t *blocks);
-
 // Traces the light of the sun's newest direction in `bands` bands from `first_band` on, where that was not done yet:
 // the expensive part of a sun that moves. Until then those bands show the sun where it was.
 //
@@ -322,6 +305,23 @@ enum relume_error relume_relight(struct relume *object,
                                  uint32_t first_band,
                                  uint32_t bands,
                                  struct relume_report *report);
+
+// Allows an error of at most `codes` 8-bit codes from the next light on, as bound in reports; 0: whatever it comes to, as in
+// the beginning. Every tile is drawn anew. A budget is kept to by `relume_restore`.
+//
+// # Safety
+// `object` is null or came from `relume_open`, its memory is still there, and nobody else uses it meanwhile.
+enum relume_error relume_set_error_budget(struct relume *object,
+                                          float codes);
+
+// Takes more of the field where the frame drawn last is further off than the error budget allows, and writes to `*blocks` how
+// many blocks of 2 x 2 tiles that concerns. Relight all bands and call again until there are none: then the frame is
+// within the budget, or the field has no more (its report says so).
+//
+// # Safety
+// As `relume_set_error_budget`; `blocks` is null or writable.
+enum relume_error relume_restore(struct relume *object,
+                                 uint32_t *blocks);
 
 #ifdef __cplusplus
 }  // extern "C"
