@@ -35,8 +35,8 @@ pub struct TransportOptions {
     pub paths: u32,
     /// Neighbouring patches that share one ray at every later surface of a path: 1 to 64.
     pub patch_group: u32,
-    /// Paths that go on from each seen surface of a pixel to find out what it receives from the bounce points: a power
-    /// of two, 1 to 1024.
+    /// Paths that go on from each seen surface of a pixel to find out what it receives from the bounce points:
+    /// 1 to 1024, best a multiple of a large power of two.
     pub bounce_paths: u32,
     /// Fewest paths of the stack's own sun from each seen surface: a power of two, 1 to 1024.
     pub sun_paths: u32,
@@ -50,7 +50,7 @@ impl Default for TransportOptions {
             direct_classes: 2,
             paths: 8,
             patch_group: 8,
-            bounce_paths: 128,
+            bounce_paths: 96,
             sun_paths: 32,
         }
     }
@@ -59,7 +59,7 @@ impl Default for TransportOptions {
 impl TransportOptions {
     fn checked(self) -> Self {
         TransportOptions {
-            bounce_paths: self.bounce_paths.clamp(1, 1024).next_power_of_two(),
+            bounce_paths: self.bounce_paths.clamp(1, 1024),
             sun_paths: self.sun_paths.clamp(1, 1024).next_power_of_two(),
             direct_classes: if self.direct_classes >= 3 { 4 } else { self.direct_classes.max(1) },
             paths: self.paths.clamp(1, 16),

@@ -13,7 +13,7 @@ use crate::sobol::two_squares;
 use crate::strata::{Rng, hash};
 
 /// Scouts of the first round, in all, were every pixel to see something; about one surface of each becomes a candidate.
-const SCOUTS: u32 = 1 << 23;
+const SCOUTS: u32 = 1 << 22;
 /// Most pixels that send them.
 const SCOUTING_PIXELS: u32 = 1 << 17;
 /// Scouts of the second round, as a multiple of those of the first.
