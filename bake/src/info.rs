@@ -96,7 +96,8 @@ impl Info {
         let CameraRecord { position, target, up, fov_y_deg, north_deg } = header.camera;
         let covered = field.response().covered();
         let tiles = field.response();
-        let read: usize = (0..tiles.tiles()).map(|t| tiles.tile(t).bytes()).sum();
+        let own = (0..tiles.tiles()).map(|t| tiles.tile(t).bytes());
+        let read: usize = own.chain((0..tiles.blocks()).map(|block| tiles.v_bytes(block))).sum();
         let per_pixel = |bytes: usize| bytes as f64 / covered.max(1) as f64;
         let kind = |kind: [u8; 4]| String::from_utf8_lossy(&kind).into_owned();
         Info {

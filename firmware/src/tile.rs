@@ -156,9 +156,9 @@ impl<'a> Tile<'a> {
         Tile { record, u: &[], v: &[], v_scale: &[], rows: &[], plane_at: 0, coverage_at: None }
     }
 
-    /// Bytes of U, V and scales that a full reconstruction reads.
+    /// Bytes of U and row scales that a full reconstruction reads.
     pub fn bytes(&self) -> usize {
-        self.u.len() + self.v.len() + self.v_scale.len() + self.rows.len()
+        self.u.len() + self.rows.len()
     }
 }
 
@@ -298,6 +298,12 @@ impl<'a> TileSet<'a> {
         let (x0, y0) = (block % across * BLOCK_TILES, block / across * BLOCK_TILES);
         let tiles = (0..BLOCK_TILES).flat_map(move |y| (0..BLOCK_TILES).map(move |x| (x0 + x, y0 + y)));
         tiles.filter(move |&(x, y)| x < columns && y < rows).map(move |(x, y)| y * columns + x)
+    }
+
+    /// Bytes of a block's V and its scales, which its tiles share.
+    pub fn v_bytes(&self, block: usize) -> usize {
+        let covered = self.tiles_of(block).map(|index| self.tile(index)).find(|tile| tile.pixels() > 0);
+        covered.map_or(0, |tile| tile.v.len() + tile.v_scale.len())
     }
 
     /// Covered pixels of all tiles.

@@ -36,15 +36,8 @@ pub fn bytes_read(field: &Field<'_>, max_rank: usize, sun: bool) -> usize {
             let coverage = field.coverage(index).map_or(0, <[u8]>::len);
             TILE_RECORD + rank * pixels + planes * pixels + coverage
         })
-        .chain((0..tiles.blocks()).map(|block| v_bytes(field, block)))
+        .chain((0..tiles.blocks()).map(|block| tiles.v_bytes(block)))
         .sum()
-}
-
-/// Bytes of a block's V, which its tiles share.
-fn v_bytes(field: &Field<'_>, block: usize) -> usize {
-    let tiles = field.response();
-    let covered = tiles.tiles_of(block).map(|index| tiles.tile(index)).find(|tile| tile.pixels() > 0);
-    covered.map_or(0, |tile| tile.v.len() + tile.v_scale.len())
 }
 
 /// Bytes of the way back that a full frame reads under a sky: the rows of the patches that outshine it.
