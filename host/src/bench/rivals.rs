@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use relume_firmware::kernel::Kernel;
 use relume_firmware::patches::PatchSet;
 
 use super::bandwidth;
@@ -42,8 +43,14 @@ impl Rivals {
                 dense.choose_block_px(&blas);
                 let forced =
                     std::env::var("OPENBLAS_CORETYPE").map(|core| format!(", OPENBLAS_CORETYPE={core} is set"));
+                // What OpenBLAS takes for a processor newer than itself: rivals would be slower than they are.
+                let lost = if blas.kernel() == "Prescott" && Kernel::paths().count() > 1 {
+                    "; this OpenBLAS does not know the processor, set OPENBLAS_CORETYPE (Haswell, SkylakeX)"
+                } else {
+                    ""
+                };
                 let note = format!(
-                    "OpenBLAS kernel {}, blocks of {} px x columns{}",
+                    "OpenBLAS kernel {}, blocks of {} px x columns{}{lost}",
                     blas.kernel(),
                     dense.blocks().block_px,
                     forced.unwrap_or_default()
