@@ -50,7 +50,7 @@ impl Default for TransportOptions {
             direct_classes: 2,
             paths: 8,
             patch_group: 8,
-            bounce_paths: 96,
+            bounce_paths: 80,
             sun_paths: 32,
         }
     }
