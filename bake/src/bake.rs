@@ -11,7 +11,9 @@ use crate::report::Report;
 use crate::response::{Transport, TransportOptions};
 use crate::scene::Scene;
 use crate::stack::{Manifest, ManifestSun, StackError, StackWriter};
+use crate::sun::SunDisc;
 use crate::sunlayers::CasterLayers;
+use crate::transfer::Gathered;
 use crate::viewpoint::TransportError;
 use crate::write::FieldWriter;
 use glam::Vec3;
@@ -131,7 +133,7 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
         transport,
         compressor: BlockCompressor::new(&patches, options.error, whites, CasterLayers::new(scene)),
         stack,
-        stack_sun: stack_sun.map(|(_, dir)| dir),
+        stack_sun: stack_sun.map(|(_, dir)| SunDisc::new(dir)),
         test_light,
     };
     let Tiles { writer, mut report, exact } = job.run(options.progress)?;
@@ -192,7 +194,7 @@ struct Job<'s> {
     compressor: BlockCompressor,
     bounce: BouncePoints,
     stack: Option<StackWriter>,
-    stack_sun: Option<Vec3>,
+    stack_sun: Option<SunDisc>,
     test_light: TestLight,
 }
 
@@ -257,11 +259,11 @@ impl Job<'_> {
         for ty in (place.1 * edge..(place.1 + 1) * edge).take_while(|&ty| ty < rows) {
             for tx in (place.0 * edge..(place.0 + 1) * edge).take_while(|&tx| tx < columns) {
                 let response = self.transport.tile(tx, ty);
+                let Gathered { bounce, sun } = self.transport.gather(&self.bounce, &response, self.stack_sun.as_ref());
                 if let Some(stack) = &self.stack {
-                    let sun = self.stack_sun.map(|dir| self.transport.sun_tile(tx, ty, dir));
+                    let sun = self.stack_sun.as_ref().map(|disc| self.transport.sun_tile(&response, &sun, disc));
                     stack.write_tile(&response, sun.as_deref())?;
                 }
-                let bounce = self.transport.bounce_block(&self.bounce, &response);
                 tiles.push(BlockTile { at: (tx, ty), response, bounce });
             }
         }

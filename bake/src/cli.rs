@@ -26,7 +26,7 @@ relume-bake: makes the field that a post relights.
       --site LAT,LON   the post's place, noted in the field
       --stack DIR      also write the uncompressed stack (EXR) there
       --sun AZ,ALT     with --stack: also sun.exr for that sun, degrees
-      --sun-paths N    with --sun: fewest light paths from each of a pixel's 16 points, a power of two (32)
+      --sun-paths N    light paths from each of a pixel's 16 points that find its indirect sunlight (80)
       --error P%       relative error that the compression aims at
       --test-sky MAP   also tell the field's error under this captured map, .hdr or .exr, without its sun (may be repeated)
       --seed N         the same seed gives the same bytes (1)

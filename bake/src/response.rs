@@ -35,32 +35,21 @@ pub struct TransportOptions {
     pub paths: u32,
     /// Neighbouring patches that share one ray at every later surface of a path: 1 to 64.
     pub patch_group: u32,
-    /// Paths that go on from each seen surface of a pixel to find out what it receives from the bounce points:
+    /// Paths that go on from each seen surface of a pixel to find out what it receives of sunlight by way of others:
     /// 1 to 1024, best a multiple of a large power of two.
-    pub bounce_paths: u32,
-    /// Fewest paths of the stack's own sun from each seen surface: a power of two, 1 to 1024.
     pub sun_paths: u32,
 }
 
 impl Default for TransportOptions {
     fn default() -> Self {
-        TransportOptions {
-            max_hits: 0,
-            seed: 1,
-            direct_classes: 2,
-            paths: 8,
-            patch_group: 8,
-            bounce_paths: 80,
-            sun_paths: 32,
-        }
+        TransportOptions { max_hits: 0, seed: 1, direct_classes: 2, paths: 8, patch_group: 8, sun_paths: 80 }
     }
 }
 
 impl TransportOptions {
     fn checked(self) -> Self {
         TransportOptions {
-            bounce_paths: self.bounce_paths.clamp(1, 1024),
-            sun_paths: self.sun_paths.clamp(1, 1024).next_power_of_two(),
+            sun_paths: self.sun_paths.clamp(1, 1024),
             direct_classes: if self.direct_classes >= 3 { 4 } else { self.direct_classes.max(1) },
             paths: self.paths.clamp(1, 16),
             patch_group: self.patch_group.clamp(1, 64),
@@ -92,6 +81,13 @@ pub struct TileResponse {
     pub indirect: Vec<f32>,
     /// `[covered]`: the surfaces seen.
     pub fragments: Vec<Vec<Fragment>>,
+}
+
+impl TileResponse {
+    /// Column and row in the picture of the tile's pixel `index`.
+    pub(crate) fn place(&self, index: u16) -> (u32, u32) {
+        (self.x0 + u32::from(index) % self.w, self.y0 + u32::from(index) / self.w)
+    }
 }
 
 /// Light transport from the patches to the pixels of one camera.

@@ -6,9 +6,10 @@ mod block;
 use glam::Vec3A;
 
 use crate::bouncepoints::{BouncePoints, Vertex};
-use crate::response::{Seen, TileResponse, Transport};
+use crate::response::{TileResponse, Transport};
 use crate::sobol::two_squares;
 use crate::strata::Rng;
+use crate::sun::SunDisc;
 
 /// What one pixel receives.
 struct Received {
@@ -20,47 +21,63 @@ struct Received {
     tint: [f32; 3],
 }
 
+/// What the paths from the covered pixels of a tile bring.
+pub struct Gathered {
+    /// The tile's block of BNCE; empty if no light comes from the points.
+    pub bounce: Vec<u8>,
+    /// `[covered]`: radiance by way of other surfaces under the sun that was asked for, at irradiance 1; else empty.
+    pub sun: Vec<Vec3A>,
+}
+
 impl Transport<'_> {
-    /// The block of BNCE of the tile with the response `tile`; empty if no light comes from the points.
-    pub fn bounce_block(&self, points: &BouncePoints, tile: &TileResponse) -> Vec<u8> {
+    /// Follows the paths of the tile with the response `tile`.
+    pub fn gather(&self, points: &BouncePoints, tile: &TileResponse, sun: Option<&SunDisc>) -> Gathered {
         if points.is_empty() {
-            return Vec::new();
+            return Gathered { bounce: Vec::new(), sun: vec![Vec3A::ZERO; tile.covered.len()] };
         }
-        let received = tile.covered.iter().map(|&index| {
-            let (x, y) = (tile.x0 + u32::from(index) % tile.w, tile.y0 + u32::from(index) / tile.w);
-            self.received(points, &self.seen(x, y).0, Rng::new(self.options.seed, x, y, 3))
+        let pixels = tile.covered.iter().map(|&index| {
+            let (x, y) = tile.place(index);
+            self.gather_pixel(points, x, y, sun)
         });
-        let received: Vec<Received> = received.collect();
-        block::encode(&received, points)
+        let (received, by_sun): (Vec<Received>, Vec<Vec3A>) = pixels.unzip();
+        Gathered { bounce: block::encode(&received, points), sun: by_sun }
     }
 
     /// Follows the paths of one pixel and gathers where they come by.
-    fn received(&self, points: &BouncePoints, seen: &Seen, mut rng: Rng) -> Received {
-        let paths = self.options.bounce_paths;
-        let share = std::f32::consts::FRAC_1_PI / (paths * seen.len() as u32) as f32;
+    fn gather_pixel(&self, points: &BouncePoints, x: u32, y: u32, sun: Option<&SunDisc>) -> (Received, Vec3A) {
+        let (seen, _) = self.seen(x, y);
+        let mut rng = Rng::new(self.options.seed, x, y, 3);
+        // Its own, so that a field is the same with a stack and without.
+        let mut sun_rng = Rng::new(self.options.seed, x, y, 6);
+        let paths = self.options.sun_paths;
+        let count = (paths * seen.len() as u32) as f32;
         let seed = rng.next_u32();
         let mut leaves: Vec<(u32, f32)> = Vec::with_capacity(2048);
         let (mut total, mut rgb, mut by_points) = (0.0, Vec3A::ZERO, Vec3A::ZERO);
+        let mut by_sun = Vec3A::ZERO;
         for (s, surface) in seen.iter().enumerate() {
             let Some(surface) = surface else { continue };
             for path in 0..paths {
                 let at = two_squares(s as u32 * paths + path, seed);
                 self.tracer.walk(surface, at, &mut rng, |surface, throughput, _, _| {
                     let leaf = points.nearest(&Vertex::of(surface, 1.0));
-                    let light = throughput * surface.albedo * share;
+                    let light = throughput * surface.albedo * (std::f32::consts::FRAC_1_PI / count);
                     let weight = light.element_sum() / 3.0;
                     leaves.push((leaf, weight));
                     total += weight;
                     // Weighed by the suns: light of many bounces has more colour, and comes from where there is less sun.
-                    let sun = points.leaf_light[leaf as usize];
-                    rgb += light * sun;
-                    by_points += points.tint(leaf) * (weight * sun);
+                    let under_suns = points.leaf_light[leaf as usize];
+                    rgb += light * under_suns;
+                    by_points += points.tint(leaf) * (weight * under_suns);
+                    if let Some(sun) = sun {
+                        by_sun += throughput * self.sunlit(surface, sun.direction(sun_rng.jitter()));
+                    }
                 });
             }
         }
         leaves.sort_by_key(|(leaf, _)| *leaf);
         let tint = [0, 1, 2].map(|c: usize| if by_points[c] > 0.0 { rgb[c] / by_points[c] } else { 1.0 });
-        Received { total, nodes: up_the_tree(&leaves, points.len()), tint }
+        (Received { total, nodes: up_the_tree(&leaves, points.len()), tint }, by_sun / count)
     }
 }
 

@@ -25,7 +25,9 @@ fn towards(altitude_deg: f32) -> Vec3 {
 fn traced(scene: &Scene, camera: &Camera, options: TransportOptions, sun: Vec3) -> Vec<f32> {
     let patches = PatchSet::new(16).unwrap_or_else(|error| panic!("{error}"));
     let transport = Transport::new(scene, camera, patches, SIZE, options).unwrap_or_else(|error| panic!("{error}"));
-    transport.sun_tile(0, 0, sun).chunks_exact(3).map(|rgb| rgb[0]).collect()
+    let (tile, sun) = (transport.tile(0, 0), SunDisc::new(sun));
+    let further = transport.gather(&transport.bounce_points(), &tile, Some(&sun)).sun;
+    transport.sun_tile(&tile, &further, &sun).chunks_exact(3).map(|rgb| rgb[0]).collect()
 }
 
 /// The same by way of a field.
