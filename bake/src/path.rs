@@ -5,8 +5,8 @@ use glam::{Vec2, Vec3A};
 use crate::geometry::{Geometry, Surface};
 use crate::strata::{Rng, cosine_direction};
 
-/// Hits after which a path of unlimited length may end by Russian roulette.
-const ROULETTE_FROM: u32 = 3;
+/// Hits after which a path of unlimited length may end by Russian roulette: from 3 on it costs more noise than it saves time.
+const ROULETTE_FROM: u32 = 5;
 /// Largest chance to go on: bounds the mean length of a path between white walls.
 const ROULETTE_CAP: f32 = 0.95;
 
