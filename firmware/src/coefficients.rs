@@ -82,36 +82,34 @@ impl Coefficients {
         kernel.prefetch(tile.v_scale);
     }
 
-    /// A bound on how far any linear value (1 = display white) of a tile moves from `drawn` to `self`, per channel: plain,
-    /// and over (row scale / 65535)^0.583 ([`crate::bound`]). `reach` is the tile's.
-    pub fn change_bound(&self, drawn: &Coefficients, tile: &Tile<'_>, reach: &TileReach<'_>) -> [[f32; 3]; 2] {
-        let pairs = self.rank().max(drawn.rank()).min(tile.rank()) / 2;
-        let mut out = [[0.0; 3]; 2];
-        for c in 0..3 {
-            let scale = row_unit(tile, c);
-            let (new_unit, old_unit) = (self.unit[c] * scale, drawn.unit[c] * scale);
-            let mut sums = [0.0f32; 2];
-            for j in 0..pairs {
-                let pair = |x: &Coefficients| if 2 * j < x.rank() { x.pairs[c][j] } else { 0 };
-                let (new, old) = (pair(self), pair(drawn));
-                let moved = |new: i32, old: i32| (new as f32 * new_unit - old as f32 * old_unit).abs();
-                let moved = [moved(i32::from(new as i16), i32::from(old as i16)), moved(new >> 16, old >> 16)];
-                for (kind, sum) in sums.iter_mut().enumerate() {
-                    let reach = reach.pair(kind, c, j);
-                    *sum += moved[0] * reach[0] + moved[1] * reach[1];
-                }
+    /// How far linear values (1 = display white) of a tile move from `drawn` to `self` at most, per channel: plain, and over
+    /// (row scale / 65535)^0.583 ([`crate::bound`]). `size` and `reach` are the tile's.
+    pub fn change_bound(&self, drawn: &Coefficients, size: &TileSize, reach: &TileReach<'_>) -> [[Sides; 3]; 2] {
+        let pairs = self.rank().max(drawn.rank()).min(size.rank) / 2;
+        // Units are powers of two, so that only the difference is rounded.
+        let units: [[f32; 2]; 3] =
+            core::array::from_fn(|c| [self.unit[c], drawn.unit[c]].map(|u| u * size.row_unit[c]));
+        let pair = |x: &Coefficients, c: usize, j: usize| if 2 * j < x.rank() { x.pairs[c][j] } else { 0 };
+        let mut sums = ReachSums::default();
+        for j in 0..pairs {
+            let mut moved = [[0.0f32; REACH_LANES]; 2];
+            for (c, [new_unit, old_unit]) in units.iter().enumerate() {
+                let (new, old) = (pair(self, c, j), pair(drawn, c, j));
+                let even = f32::from(new as i16) * new_unit - f32::from(old as i16) * old_unit;
+                let odd = (new >> 16) as f32 * new_unit - (old >> 16) as f32 * old_unit;
+                (moved[0][c], moved[0][3 + c]) = (even, even);
+                (moved[1][c], moved[1][3 + c]) = (odd, odd);
             }
-            for (out, sum) in out.iter_mut().zip(sums) {
-                out[c] = if sum == 0.0 { 0.0 } else { sum * 1.0001 + ROUNDING };
-            }
+            sums.add(reach.of(2 * j), &moved[0]);
+            sums.add(reach.of(2 * j + 1), &moved[1]);
         }
-        out
+        sums.sides()
     }
 
     /// A bound on what rounding of the coefficients, and ranks of the tile that are not used, change in any linear
     /// value, per channel; it holds over (row scale / 65535)^0.583, too. `all` are the coefficients with all ranks.
-    pub fn rounding_bound(&self, all: &Coefficients, tile: &Tile<'_>) -> [f32; 3] {
-        let (used, rank) = (self.rank().min(tile.rank()), all.rank().min(tile.rank()));
+    pub fn rounding_bound(&self, all: &Coefficients, size: &TileSize) -> [f32; 3] {
+        let (used, rank) = (self.rank().min(size.rank), all.rank().min(size.rank));
         if rank == 0 {
             // Nothing is rounded, and the row scales of a black tile have no size.
             return [0.0; 3];
@@ -125,7 +123,7 @@ impl Coefficients {
                 .sum();
             // Half a count of each rank; 0.01 are single precision's: 3 roundings of 2^-24 of at most 32767 counts each.
             let counts = 127.0 * (dropped as f32 + 0.51 * rank as f32) + 1.0;
-            counts * 65535.0 * all.unit[c] * row_unit(tile, c) * 1.0001
+            counts * 65535.0 * all.unit[c] * size.row_unit[c] * 1.0001
         })
     }
 }
@@ -139,40 +137,168 @@ pub fn project_channel(tile: &Tile<'_>, channel: usize, values: Values<'_>, kern
 
 /// What one count of a row scale means.
 pub(crate) fn row_unit(tile: &Tile<'_>, channel: usize) -> f32 {
-    libm::scalbnf(1.0, i32::from(tile.record.row_exponent[channel]))
+    // The checked range is that of normal floats (tile.rs).
+    f32::from_bits(((i32::from(tile.record.row_exponent[channel]) + 127) as u32) << 23)
 }
 
-/// How far one count of a coefficient moves a tile's pixels at most: the largest |U| times row scale (codes), plain, and
-/// over (row scale / 65535)^0.583. `[2][3][rank]`; empty: the worst that a tile can have.
+/// How far something moves at most, down and up; neither is negative.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sides {
+    /// Down.
+    pub down: f32,
+    /// Up.
+    pub up: f32,
+}
+
+impl Sides {
+    /// As far either way.
+    pub const fn both(most: f32) -> Sides {
+        Sides { down: most, up: most }
+    }
+
+    /// The further one.
+    pub fn most(self) -> f32 {
+        self.down.max(self.up)
+    }
+}
+
+impl core::ops::AddAssign for Sides {
+    fn add_assign(&mut self, other: Sides) {
+        (self.down, self.up) = (self.down + other.down, self.up + other.up);
+    }
+}
+
+/// How large a tile's coefficients count, at most.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TileSize {
+    /// Ranks.
+    pub rank: usize,
+    /// What one count of a row scale means, per channel.
+    pub row_unit: [f32; 3],
+}
+
+impl TileSize {
+    /// Of a tile.
+    pub fn of(tile: &Tile<'_>) -> Self {
+        TileSize { rank: tile.rank(), row_unit: core::array::from_fn(|c| row_unit(tile, c)) }
+    }
+
+    /// The larger of both.
+    pub fn max(self, other: TileSize) -> Self {
+        let row_unit = core::array::from_fn(|c| self.row_unit[c].max(other.row_unit[c]));
+        TileSize { rank: self.rank.max(other.rank), row_unit }
+    }
+}
+
+/// How far one count of a coefficient moves a tile's pixels: U times row scale (codes), plain, and over
+/// (row scale / 65535)^0.583. Per rank the middle of all pixels' and then how far they are from it at most, each plain R G B,
+/// weighted R G B and two zeros: `[rank][2][8]`. Empty: the worst that a tile can have.
 #[derive(Clone, Copy, Debug)]
 pub struct TileReach<'a>(pub &'a [f32]);
 
+const REACH_LANES: usize = 8;
+
 impl TileReach<'_> {
-    /// Fills `out`, `[2][3][rank]`.
+    /// Values of a tile's reach.
+    pub fn len_of(tile: &Tile<'_>) -> usize {
+        2 * REACH_LANES * tile.rank()
+    }
+
+    /// Fills `out`, [`TileReach::len_of`] values.
     pub fn measure(tile: &Tile<'_>, out: &mut [f32]) {
-        let (n, rank) = (tile.padded_pixels(), tile.rank());
-        out.fill(0.0);
+        let n = tile.padded_pixels();
+        let (ranks, _) = out.as_chunks_mut::<{ 2 * REACH_LANES }>();
+        for ends in ranks.iter_mut() {
+            let (low, high) = ends.split_at_mut(REACH_LANES);
+            low.fill(f32::INFINITY);
+            high.fill(f32::NEG_INFINITY);
+        }
         for c in 0..3 {
-            for (x, row) in tile.row_codes(c).map(f32::from).enumerate() {
-                let weighted = 65535.0 * libm::powf(row / 65535.0, 1.0 - crate::bound::DARK_POWER) * 1.0001;
-                for k in 0..rank {
-                    let u = f32::from((tile.u[(k / 2 * n + x) * 2 + k % 2] as i8).unsigned_abs());
-                    for (kind, row) in [row, weighted].into_iter().enumerate() {
-                        let slot = &mut out[(kind * 3 + c) * rank + k];
-                        *slot = slot.max(u * row);
+            // Black pixels do not move.
+            for (x, row) in tile.row_codes(c).map(f32::from).enumerate().filter(|(_, row)| *row > 0.0) {
+                let weighted = 65535.0 * libm::powf(row / 65535.0, 1.0 - crate::bound::DARK_POWER);
+                for (k, ends) in ranks.iter_mut().enumerate() {
+                    let u = f32::from(tile.u[(k / 2 * n + x) * 2 + k % 2] as i8);
+                    for (lane, row) in [(c, row), (3 + c, weighted)] {
+                        ends[lane] = ends[lane].min(u * row);
+                        ends[REACH_LANES + lane] = ends[REACH_LANES + lane].max(u * row);
                     }
                 }
             }
         }
+        for (low, high) in ranks.iter_mut().flat_map(|ends| {
+            let (low, high) = ends.split_at_mut(REACH_LANES);
+            low.iter_mut().zip(high)
+        }) {
+            let (middle, half) = (0.5 * (*low + *high), 0.5 * (*high - *low));
+            // The part of the middle is more than the powers are off by.
+            (*low, *high) = if *low <= *high { (middle, half + 1e-5 * (half + middle.abs())) } else { (0.0, 0.0) };
+        }
     }
 
-    fn pair(&self, kind: usize, channel: usize, pair: usize) -> [f32; 2] {
-        let rank = self.0.len() / 6;
-        let at = (kind * 3 + channel) * rank + 2 * pair;
-        match self.0.get(at..at + 2) {
-            Some(reach) if 2 * pair < rank => [reach[0], reach[1]],
-            _ => [127.0 * 65535.0; 2],
+    /// Widens `own` to hold for a tile of this reach and size, too, in units of a row unit of 1.
+    pub fn join(&self, size: &TileSize, own: &mut [f32]) {
+        let ranks = own.as_chunks_mut::<{ 2 * REACH_LANES }>().0.iter_mut().enumerate();
+        for (rank, (own_middles, own_halves)) in ranks.map(|(rank, own)| (rank, own.split_at_mut(REACH_LANES))) {
+            // What lacks a rank does not move with it.
+            let reach = if rank < size.rank { *self.of(rank) } else { [0.0; 2 * REACH_LANES] };
+            for (lane, (middle, half)) in own_middles.iter_mut().zip(own_halves).enumerate().take(6) {
+                let unit = size.row_unit[lane % 3];
+                let (other, other_half) = (reach[lane] * unit, reach[REACH_LANES + lane] * unit);
+                let low = (*middle - *half).min(other - other_half);
+                let high = (*middle + *half).max(other + other_half);
+                *middle = 0.5 * (low + high);
+                *half = 0.5 * (high - low) + 1e-6 * (high.abs() + low.abs());
+            }
         }
+    }
+
+    /// Of one rank.
+    fn of(&self, rank: usize) -> &[f32; 2 * REACH_LANES] {
+        const WORST: [f32; 2 * REACH_LANES] = {
+            let mut worst = [0.0; 2 * REACH_LANES];
+            let mut lane = REACH_LANES;
+            while lane < 2 * REACH_LANES {
+                worst[lane] = 127.0 * 65535.0;
+                lane += 1;
+            }
+            worst
+        };
+        self.0.as_chunks().0.get(rank).unwrap_or(&WORST)
+    }
+}
+
+/// Sums over the ranks.
+#[derive(Default)]
+struct ReachSums {
+    middle: [f32; REACH_LANES],
+    /// Of the middles' sizes.
+    size: [f32; REACH_LANES],
+    around: [f32; REACH_LANES],
+}
+
+impl ReachSums {
+    #[inline]
+    fn add(&mut self, reach: &[f32; 2 * REACH_LANES], moved: &[f32; REACH_LANES]) {
+        for lane in 0..REACH_LANES {
+            let step = moved[lane] * reach[lane];
+            self.middle[lane] += step;
+            self.size[lane] += step.abs();
+            self.around[lane] += moved[lane].abs() * reach[REACH_LANES + lane];
+        }
+    }
+
+    fn sides(&self) -> [[Sides; 3]; 2] {
+        let side = |lane: usize| {
+            let (middle, size, around) = (self.middle[lane], self.size[lane], self.around[lane]);
+            if size + around == 0.0 {
+                return Sides::default();
+            }
+            // More than single precision loses in sums of up to 128.
+            let around = around + 2e-5 * (size + around) + ROUNDING;
+            Sides { down: (around - middle).max(0.0), up: (around + middle).max(0.0) }
+        };
+        [0, 3].map(|kind| core::array::from_fn(|c| side(kind + c)))
     }
 }
 

@@ -1,10 +1,10 @@
 //! What a tile showed when it was last drawn, how far that may be from the light of now, and how right it is.
 
 use crate::bound::{CodeSlope, dark_share};
-use crate::coefficients::TileReach;
+use crate::coefficients::{Sides, TileReach, TileSize};
 use crate::field::Field;
 use crate::kernel::Extent;
-use crate::relight::{Coefficients, LinearTile, SUN_UNIT};
+use crate::relight::{Coefficients, SUN_UNIT};
 use crate::tile::Tile;
 use crate::weights::{Apart, FixedWeights, MAX_STANDOUTS};
 
@@ -40,18 +40,101 @@ impl SunDrift {
         self.peak = peak;
     }
 
+    /// Is the sun's response what it was when the tile was drawn?
+    pub fn is_still(&self) -> bool {
+        self.drift == 0
+    }
+
     /// The tile was drawn.
     pub fn reset(&mut self) {
         self.drift = 0;
     }
 
-    /// A bound on the change of the sun's light, per channel.
-    fn change(&self, old_q16: [u32; 3], new_q16: [u32; 3]) -> [f32; 3] {
-        core::array::from_fn(|c| {
-            let (old, new) = (old_q16[c], new_q16[c]);
-            let moved = self.drift as f32 * old.max(new) as f32;
-            (moved + old.abs_diff(new) as f32 * self.peak as f32) * SUN_UNIT
-        })
+    /// What becomes of the sun's light, per channel.
+    fn change(&self, old_q16: [u32; 3], new_q16: [u32; 3]) -> SunChange {
+        let per_channel =
+            |of: &dyn Fn(f32, f32) -> f32| core::array::from_fn(|c| of(old_q16[c] as f32, new_q16[c] as f32));
+        let (drift, peak) = (self.drift as f32 * SUN_UNIT * SLACK, self.peak as f32 * SUN_UNIT * SLACK);
+        SunChange {
+            drift: per_channel(&|old, new| drift * old.max(new)),
+            scaled: per_channel(&|old, new| peak * (old - new).abs()),
+            ratio: per_channel(&|old, new| new / old),
+            steps: per_channel(&|old, new| {
+                if old > 0.0 && new > 0.0 { libm::logf(new / old).abs() * SLACK } else { 0.0 }
+            }),
+            peak: per_channel(&|old, new| peak * old.max(new)),
+        }
+    }
+}
+
+/// What becomes of the sun's light on a tile, per channel: it moves, and then all of it gets brighter or dimmer by one factor.
+#[derive(Clone, Copy, Debug, Default)]
+struct SunChange {
+    /// A bound on what its moving changes.
+    drift: [f32; 3],
+    /// A bound on what the factor changes.
+    scaled: [f32; 3],
+    /// The factor; not a number or infinite if there was no sun.
+    ratio: [f32; 3],
+    /// The size of the factor's logarithm, where there is one.
+    steps: [f32; 3],
+    /// The most light of it, before or after.
+    peak: [f32; 3],
+}
+
+/// Parts of the sun's most light, between which pixels are told apart.
+const SUN_PARTS: [f32; 5] = [0.0, 0.125, 0.3, 0.6, 1.0];
+
+impl SunChange {
+    /// The largest change of a code of channel `c` by both the sky, whose light moves by at most `sky` and codes by at most
+    /// `sky_codes` for that alone, and the sun after it. No pixel was dimmer than `dimmest`, and no light but the sun's is
+    /// below `-below`.
+    fn codes(&self, c: usize, slope: &CodeSlope, (sky, sky_codes): (Sides, Sides), dimmest: f32, below: f32) -> f32 {
+        if self.drift[c] == 0.0 && self.scaled[c] == 0.0 {
+            return sky_codes.most();
+        }
+        let left = dimmest - sky.down;
+        // What brightens and what dims do not add up.
+        let drift = self.drift[c];
+        let by_drift = if drift > 0.0 { slope.above(left - drift) * drift } else { 0.0 };
+        let (along, against) = if self.ratio[c] < 1.0 {
+            ((sky.down, sky_codes.down), sky_codes.up)
+        } else {
+            ((sky.up, sky_codes.up), sky_codes.down)
+        };
+        (against + by_drift).max(by_drift + self.along(c, slope, along, left, (below, sky.down)))
+    }
+
+    /// The change of the sky's part and the factor's, which goes the same way. `left`: what no pixel is dimmer than after the
+    /// sky's change, which takes off at most `taken`.
+    fn along(
+        &self,
+        c: usize,
+        slope: &CodeSlope,
+        (sky, sky_codes): (f32, f32),
+        left: f32,
+        (below, taken): (f32, f32),
+    ) -> f32 {
+        let steep = |light: f32, change: f32| if change > 0.0 { slope.above(light) * change } else { 0.0 };
+        let (drift, ratio) = (self.drift[c], self.ratio[c]);
+        let plain = sky_codes + steep(left - drift - self.scaled[c], self.scaled[c]);
+        let lowest = ratio.min(1.0) * (left - drift) - below;
+        // Nothing but that is known where no sun was or none is left, or where the dimmest pixels may be all error.
+        if !(ratio > 0.0 && ratio.is_finite() && below <= 0.7 * lowest) {
+            return plain;
+        }
+        // Where the light is l and the sun's part of it at most s <= l + below, its factor moves the code by no more than
+        // slope(l) s |ln ratio|, and that is the larger the more sun there is: the slope falls slower than light rises. The
+        // sky's change shows most where there is least. White and above it is white.
+        let peak = self.peak[c].min(1.0 + below);
+        let before = ratio.recip().min(1.0);
+        let part = |[from, to]: [f32; 2]| {
+            let (least, most) = (from * peak * before, to * peak);
+            let by_sky = sky_codes.min(steep(left.max(least - below - taken), sky));
+            by_sky + slope.above(lowest.max(most - below)) * most * self.steps[c]
+        };
+        let parts = SUN_PARTS.windows(2).map(|ends| part([ends[0], ends[1]]));
+        plain.min(parts.fold(0.0, f32::max))
     }
 }
 
@@ -65,18 +148,48 @@ pub struct Dimmest {
 }
 
 impl Dimmest {
-    /// From what the kernel tells: no row scale is above 65535.
+    /// From what the kernel tells.
     pub fn of_extent(extent: Extent) -> Self {
-        Dimmest { smallest: extent.smallest(), brightness: extent.smallest() }
+        let (smallest, faintest) = (extent.smallest(), extent.faintest());
+        // Row scales are at most 65535.
+        Dimmest { smallest, brightness: core::array::from_fn(|c| smallest[c].max(faintest[c])) }
     }
 
-    /// The same with the brightness from the tile's linear values; black rows do not count.
-    pub fn with_pixels(self, tile: &Tile<'_>, linear: &LinearTile) -> Self {
-        let brightness = core::array::from_fn(|c| {
-            let lit = tile.row_codes(c).zip(&linear.0[c]).filter(|(row, _)| *row > 0);
-            lit.map(|(row, light)| light * 65535.0 / f32::from(row)).fold(f32::INFINITY, f32::min)
-        });
-        Dimmest { brightness, ..self }
+    /// The dimmer of both.
+    pub fn min(self, other: Dimmest) -> Dimmest {
+        let least = |a: [f32; 3], b: [f32; 3]| core::array::from_fn(|c| a[c].min(b[c]));
+        Dimmest { smallest: least(self.smallest, other.smallest), brightness: least(self.brightness, other.brightness) }
+    }
+
+    /// The largest change of an 8-bit code, before rounding, that `off` makes in a tile of these [`dark_shares`].
+    ///
+    /// One after the other: from what is shown by the factors' part, from there by the sun's, and last by the rows', whose
+    /// light is then one of several that are not negative: the root of their sum moves no further than the root of it.
+    pub fn codes(&self, slope: &CodeSlope, dark_shares: &[f32; 3], off: &Off) -> f32 {
+        let Dimmest { smallest, brightness } = *self;
+        (0..3).fold(0.0f32, |all, c| {
+            let root = off.rows_root[c];
+            let sky = off.sky[0][c];
+            let codes = |plain, weighted| slope.codes(plain, weighted, brightness[c], dark_shares[c]);
+            let weighted = off.sky[1][c];
+            let down = codes(sky.down, weighted.down);
+            let alike = sky.up == sky.down && weighted.up == weighted.down;
+            let sky_codes = Sides { down, up: if alike { down } else { codes(sky.up, weighted.up) } };
+            let by_sky_and_sun = off.sun.codes(c, slope, (sky, sky_codes), smallest[c], off.below[c]);
+            let left = smallest[c] - sky.down - off.sun.drift[c] - off.sun.scaled[c];
+            let by_rows = if root > 0.0 {
+                let darkest = (libm::sqrtf(left.max(0.0)) - root).max(0.0);
+                slope.root_above(darkest * darkest) * root
+            } else {
+                0.0
+            };
+            all.max(by_sky_and_sun + by_rows)
+        })
+    }
+
+    /// The same with the rounding of codes.
+    pub fn codes_rounded(&self, slope: &CodeSlope, dark_shares: &[f32; 3], off: &Off) -> f32 {
+        self.codes(slope, dark_shares, off) + CODE_ROUNDING
     }
 }
 
@@ -92,9 +205,11 @@ pub fn dark_shares(tile: &Tile<'_>) -> [f32; 3] {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Off {
     /// Of the sky's light through the factors, `[plain, weighted][channel]` as in [`crate::bound`].
-    pub sky: [[f32; 3]; 2],
+    pub sky: [[Sides; 3]; 2],
     /// Of the sun's.
-    pub sun: [f32; 3],
+    sun: SunChange,
+    /// How far below 0 the sky's light by the factors may be.
+    below: [f32; 3],
     /// Of patches shown by their own rows ([`crate::wayback`]); the same plain and weighted.
     pub rows: [f32; 3],
     /// The same of the square root of their light.
@@ -110,8 +225,8 @@ impl Off {
         (all, block_bound): (&Coefficients, &[[f32; 3]; 2]),
     ) -> Off {
         let tile = field.response().tile(index);
-        let mut off = Off { sky: *block_bound, ..Off::default() };
-        off.add_sky(&[light.coefficients.rounding_bound(all, &tile); 2]);
+        let mut off = Off { sky: block_bound.map(|kind| kind.map(Sides::both)), ..Off::default() };
+        off.add_sky(&[light.coefficients.rounding_bound(all, &TileSize::of(&tile)).map(Sides::both); 2]);
         let mut squares = [0.0f32; 3];
         for apart in light.weights.apart() {
             let Some(rows) = field.way_back().get(index, &tile, usize::from(apart.patch)) else { continue };
@@ -119,7 +234,7 @@ impl Off {
             for c in 0..3 {
                 let light = apart.light[c] * tile.row_top(c);
                 off.rows[c] += error * light;
-                off.sky.iter_mut().for_each(|sky| sky[c] += rest * light);
+                off.sky.iter_mut().for_each(|sky| sky[c] += Sides::both(rest * light));
                 squares[c] += unit * light;
             }
         }
@@ -127,22 +242,30 @@ impl Off {
         off
     }
 
-    /// Both, one after the other.
-    pub fn and(mut self, other: &Off) -> Off {
+    /// Of the sky's light alone.
+    pub fn of_sky(sky: [[Sides; 3]; 2]) -> Off {
+        Off { sky, ..Off::default() }
+    }
+
+    /// How far what is shown may be from what is meant (`self`, see [`Off::of`]), if it also moved since ([`DrawnTile::moved`]).
+    pub fn and_moved(mut self, other: &Off) -> Off {
         self.add_sky(&other.sky);
-        let pairs =
-            [(&mut self.sun, &other.sun), (&mut self.rows, &other.rows), (&mut self.rows_root, &other.rows_root)];
+        // The light of a moment has no error of the sun's; only one of the two has moved.
+        (self.sun, self.below) = (other.sun, other.below);
+        let pairs = [(&mut self.rows, &other.rows), (&mut self.rows_root, &other.rows_root)];
         pairs.into_iter().for_each(|(own, other)| own.iter_mut().zip(other).for_each(|(own, other)| *own += other));
         self
     }
 
-    fn add_sky(&mut self, other: &[[f32; 3]; 2]) {
-        self.sky.iter_mut().flatten().zip(other.iter().flatten()).for_each(|(own, other)| *own += other);
+    fn add_sky(&mut self, other: &[[Sides; 3]; 2]) {
+        self.sky.iter_mut().flatten().zip(other.iter().flatten()).for_each(|(own, other)| *own += *other);
     }
 
     /// The largest of any channel.
     pub fn linear(&self) -> f32 {
-        (0..3).fold(0.0f32, |all, c| all.max(self.sky[0][c] + self.sun[c] + self.rows[c]))
+        (0..3).fold(0.0f32, |all, c| {
+            all.max(self.sky[0][c].most() + self.sun.drift[c] + self.sun.scaled[c] + self.rows[c])
+        })
     }
 }
 
@@ -179,44 +302,44 @@ impl DrawnTile {
         self.dimmest = dimmest;
     }
 
-    /// How far tile number `index`, drawn in `light`, would be from what was drawn.
+    /// How far tile number `index`, drawn in `light`, would be from what was drawn; `error` is [`Off::of`] of that light.
     pub fn moved(
         &self,
         (field, index): (&Field<'_>, usize),
         light: &ShownLight<'_>,
-        reach: &TileReach<'_>,
-        sun: &SunDrift,
+        (reach, sun): (&TileReach<'_>, &SunDrift),
+        error: &Off,
     ) -> Off {
         let tile = field.response().tile(index);
-        let sky = light.coefficients.change_bound(&self.coefficients, &tile, reach);
-        let mut off = Off { sky, sun: sun.change(self.sun_q16, light.sun_q16), ..Off::default() };
-        off.add_sky(&[self.rows_change(field, index, &tile, light.weights); 2]);
+        let sky = light.coefficients.change_bound(&self.coefficients, &TileSize::of(&tile), reach);
+        let mut off = Off { sky, ..Off::default() };
+        if self.sun_q16 != light.sun_q16 || sun.drift > 0 {
+            off.sun = sun.change(self.sun_q16, light.sun_q16);
+            // The response is not negative, nor are rows: below 0 is only what the factors are off by.
+            off.below = field.bounds().map_or([f32::INFINITY; 3], |_| error.sky[0].map(|sky| sky.down));
+        }
+        off.add_sky(&[self.rows_change(field, index, &tile, light.weights).map(Sides::both); 2]);
         off
     }
 
-    /// The largest change of an 8-bit code, before rounding, that `off` makes in a tile of these [`dark_shares`].
-    ///
-    /// One after the other: from what is shown by the factors' part, from there by the sun's, and last by the rows', whose
-    /// light is then one of several that are not negative: the root of their sum moves no further than the root of it.
+    /// [`Dimmest::codes`] of what was drawn.
     pub fn codes(&self, slope: &CodeSlope, dark_shares: &[f32; 3], off: &Off) -> f32 {
-        let Dimmest { smallest, brightness } = self.dimmest;
-        (0..3).fold(0.0f32, |all, c| {
-            let (sun, root) = (off.sun[c], off.rows_root[c]);
-            let left = smallest[c] - off.sky[0][c] - sun;
-            let by_sun = if sun > 0.0 { slope.above(left) * sun } else { 0.0 };
-            let by_rows = if root > 0.0 {
-                let darkest = (libm::sqrtf(left.max(0.0)) - root).max(0.0);
-                slope.root_above(darkest * darkest) * root
-            } else {
-                0.0
-            };
-            all.max(slope.codes(off.sky[0][c], off.sky[1][c], brightness[c], dark_shares[c]) + by_sun + by_rows)
-        })
+        self.dimmest.codes(slope, dark_shares, off)
     }
 
-    /// The same with the rounding of codes.
+    /// [`Dimmest::codes_rounded`] of what was drawn.
     pub fn codes_rounded(&self, slope: &CodeSlope, dark_shares: &[f32; 3], off: &Off) -> f32 {
-        self.codes(slope, dark_shares, off) + CODE_ROUNDING
+        self.dimmest.codes_rounded(slope, dark_shares, off)
+    }
+
+    /// How dim it is.
+    pub fn dimmest(&self) -> Dimmest {
+        self.dimmest
+    }
+
+    /// Was it drawn in the light of this sun and without patches apart?
+    pub fn is_under(&self, sun_q16: [u32; 3]) -> bool {
+        self.sun_q16 == sun_q16 && self.apart_count == 0
     }
 
     /// A bound on what the rows of patches apart change, per channel.

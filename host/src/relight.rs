@@ -10,6 +10,7 @@ mod frame;
 mod levels;
 mod reading;
 mod restore;
+mod standing;
 mod sunplane;
 mod tiles;
 mod waiting;
@@ -175,7 +176,7 @@ impl<'f> Relighter<'f> {
     /// Forgets what was relit: the next weights are projected from scratch and the next [`Relighter::draw`] draws every
     /// tile with geometry. Tiles that show the view alone are not concerned.
     pub fn invalidate(&mut self) {
-        self.states.iter_mut().filter(|state| !state.empty).for_each(|state| state.is_drawn = false);
+        self.redraw();
         self.blocks.iter_mut().for_each(Block::forget);
         self.settled = false;
     }
@@ -184,6 +185,7 @@ impl<'f> Relighter<'f> {
     pub fn redraw(&mut self) {
         self.shown = None;
         self.states.iter_mut().filter(|state| !state.empty).for_each(|state| state.is_drawn = false);
+        self.blocks.iter_mut().for_each(|block| block.standing.forget());
     }
 
     /// Takes weights and an exposure (factor from radiance to display white): quantises and projects them, and traces

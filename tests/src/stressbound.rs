@@ -119,7 +119,7 @@ impl<'a> Examiner<'a> {
         let codes = drawn.codes(&self.slope, &dark_shares(&tile), &off);
         let mut found = TileFound::default();
         for c in 0..3 {
-            let [plain, weighted] = [0, 1].map(|kind: usize| f64::from(off.sky[kind][c] + off.rows[c]));
+            let [plain, weighted] = [0, 1].map(|kind: usize| f64::from(off.sky[kind][c].most() + off.rows[c]));
             let bound = Measured { plain, weighted, codes: codes.into() };
             for (x, row) in row_shares(&tile, c).enumerate() {
                 let (truth, shown) = (exact[3 * x + c], f64::from(shown[3 * x + c]));

@@ -5,6 +5,8 @@
 
 #[path = "stress/bounds.rs"]
 mod bounds;
+#[path = "stress/changes.rs"]
+mod changes;
 #[path = "stress/frames.rs"]
 mod frames;
 #[path = "stress/steps.rs"]

@@ -272,12 +272,7 @@ impl Relighting {
         let at = (column * TILE_PX, row * TILE_PX);
         let (tile, with) = ((&self.field, index), (&self.view_light, self.kernel));
         let extent = frame.relight_tile(tile, at, (&projected.coefficients, &light), with, linear);
-        let mut dimmest = Dimmest::of_extent(extent);
-        if self.error_budget.is_some() && !state.empty {
-            // An error budget is worth a second look: a dark pixel of a dark row is not at fault.
-            projected.coefficients.pixels(&self.field, index, &light, self.kernel, linear);
-            dimmest = dimmest.with_pixels(&self.field.response().tile(index), linear);
-        }
+        let dimmest = Dimmest::of_extent(extent);
         state.note_drawn(tile, projected, (frame_light, dimmest), (frame.target(), frame.view()));
         false
     }

@@ -107,11 +107,13 @@ impl TileState {
             return false;
         }
         // No room for a table of reaches: the worst that a tile can have.
-        let moved = self.drawn.moved((field, index), &light.on(projected), &TileReach(&[]), &self.sun);
+        let (shown, tile) = (light.on(projected), (field, index));
+        let error = Off::of(tile, &shown, (&projected.coefficients, &projected.bound));
+        let moved = self.drawn.moved(tile, &shown, (&TileReach(&[]), &self.sun), &error);
         if self.drawn.codes(light.slope, &self.dark_shares, &moved) >= HALF_CODE {
             return false;
         }
-        self.note_bound((field, index), projected, light, &moved);
+        self.note_bound(light, error.and_moved(&moved));
         self.judged_light = light.number;
         true
     }
@@ -128,12 +130,12 @@ impl TileState {
         self.place = Some(place);
         (self.judged_light, self.level) = (light.number, light.level);
         self.sun.reset();
-        self.note_bound(tile, projected, light, &Off::default());
+        let exact = (&projected.coefficients, &projected.bound);
+        self.note_bound(light, Off::of(tile, &light.on(projected), exact));
     }
 
-    /// `moved`: how far what is shown may be from what `light` would show.
-    fn note_bound(&mut self, tile: (&Field<'_>, usize), projected: &Projected, light: FrameLight<'_>, moved: &Off) {
-        let error = Off::of(tile, &light.on(projected), (&projected.coefficients, &projected.bound)).and(moved);
+    /// `error`: how far what is shown may be from what is meant.
+    fn note_bound(&mut self, light: FrameLight<'_>, error: Off) {
         self.shown_bound = (error.linear(), self.drawn.codes_rounded(light.slope, &self.dark_shares, &error));
     }
 }

@@ -1,5 +1,6 @@
 //! AVX2: 16 patches, or 16 pixels, per step.
 
+use super::job::planes;
 use super::{Extent, Linear, Projection, Reconstruction, Shown};
 use crate::tone::{CODE_SHIFT, LOG_BIAS, LOG_SHIFT, coefficient_bytes};
 use core::arch::x86_64::*;
@@ -64,55 +65,50 @@ type Pixels = [__m256; 2];
 #[target_feature(enable = "avx2")]
 pub unsafe fn relight(job: &Reconstruction<'_>, linear: Linear<'_>, shown: Option<Shown<'_>>) -> Extent {
     let (out, stride) = shown.map_or((core::ptr::null_mut(), 0), |s| (s.pixels_xrgb.as_mut_ptr(), s.stride));
-    let adds = matches!(linear, Linear::Add(_));
-    let planes = match linear {
-        Linear::Skip => None,
-        Linear::Write(planes) | Linear::Add(planes) => Some(planes.map(<[f32]>::as_mut_ptr)),
-    };
+    let (planes, adds) = planes(linear);
     let mut smallest = [_mm256_set1_epi16(-1); 3];
-    let mut largest = [_mm256_setzero_si256(); 3];
+    let mut faintest = [_mm256_set1_epi32(i32::MAX); 3];
     for x in (0..job.pixels).step_by(16) {
         // SAFETY: x + 16 <= job.pixels.
-        let mut rgb = unsafe { values(job, x) };
-        for c in 0..3 {
-            for (half, value) in rgb[c].iter_mut().enumerate() {
-                if let Some(planes) = planes {
-                    // SAFETY: the planes hold job.pixels values.
-                    unsafe {
-                        let at = planes[c].add(x + 8 * half);
-                        if adds {
-                            *value = _mm256_add_ps(_mm256_loadu_ps(at), *value);
-                        }
-                        _mm256_storeu_ps(at, *value);
-                    }
+        let rgb = unsafe { values(job, x, planes.filter(|_| adds), &mut faintest) };
+        if let Some(planes) = planes {
+            for (value, plane) in rgb.iter().zip(planes) {
+                // SAFETY: the planes hold job.pixels values.
+                unsafe {
+                    _mm256_storeu_ps(plane.add(x), value[0]);
+                    _mm256_storeu_ps(plane.add(x + 8), value[1]);
                 }
             }
         }
         let logs = rgb.map(|pixels| log16(pixels));
         for c in 0..3 {
-            let (mut low, mut high) = (logs[c], logs[c]);
+            let mut low = logs[c];
             if x + 16 > job.covered {
-                let others = lanes_from(job.covered as i32 - x as i32);
-                (low, high) = (_mm256_or_si256(low, others), _mm256_andnot_si256(others, high));
+                low = _mm256_or_si256(low, lanes_from(job.covered as i32 - x as i32));
             }
             smallest[c] = _mm256_min_epu16(smallest[c], low);
-            largest[c] = _mm256_max_epu16(largest[c], high);
         }
         if !out.is_null() {
             // SAFETY: block x/16 begins `stride` words after the one before, and holds 16.
             unsafe { show(logs, out.add(x / 16 * stride)) };
         }
     }
-    Extent { smallest_log: smallest.map(|v| fold(v, u16::min)), largest_log: largest.map(|v| fold(v, u16::max)) }
+    Extent { smallest_log: smallest.map(|v| least_u16(v)), faintest_log: faintest.map(|v| least_i32(v)) }
 }
 
-/// The 16 values from pixel `x` on, by the scalar path's `value`.
+/// The 16 values from pixel `x` on, by the scalar path's `value`; with what `added` holds. Takes their logarithms
+/// over the row scales into `faintest`.
 ///
 /// # Safety
-/// AVX2; lengths as `Kernel::relight` checks them, `x + 16 <= job.pixels`.
+/// AVX2; lengths as `Kernel::relight` checks them, `x + 16 <= job.pixels`; `added`: job.pixels values each.
 #[target_feature(enable = "avx2")]
 #[inline]
-unsafe fn values(job: &Reconstruction<'_>, x: usize) -> [Pixels; 3] {
+unsafe fn values(
+    job: &Reconstruction<'_>,
+    x: usize,
+    added: Option<[*mut f32; 3]>,
+    faintest: &mut [__m256i; 3],
+) -> [Pixels; 3] {
     let n = job.pixels;
     let mut sums = [[_mm256_setzero_si256(); 2]; 3];
     for j in 0..job.pairs[0].len() {
@@ -147,6 +143,11 @@ unsafe fn values(job: &Reconstruction<'_>, x: usize) -> [Pixels; 3] {
                     }
                     None => value,
                 };
+                if let Some(added) = added {
+                    rgb[c][half] = _mm256_add_ps(_mm256_loadu_ps(added[c].add(x + 8 * half)), rgb[c][half]);
+                }
+                let bits = _mm256_max_epi32(_mm256_castps_si256(rgb[c][half]), _mm256_setzero_si256());
+                faintest[c] = _mm256_min_epi32(faintest[c], _mm256_sub_epi32(bits, _mm256_castps_si256(row)));
             }
         }
     }
@@ -172,11 +173,17 @@ fn lanes_from(count: i32) -> __m256i {
 
 #[target_feature(enable = "avx2")]
 #[inline]
-fn fold(lanes: __m256i, of: fn(u16, u16) -> u16) -> u16 {
-    let mut values = [0u16; 16];
-    // SAFETY: the array holds sixteen u16.
-    unsafe { _mm256_storeu_si256(values.as_mut_ptr().cast(), lanes) };
-    values[1..].iter().fold(values[0], |a, &b| of(a, b))
+fn least_u16(lanes: __m256i) -> u16 {
+    let four = _mm_min_epu16(_mm256_castsi256_si128(lanes), _mm256_extracti128_si256::<1>(lanes));
+    _mm_extract_epi16::<0>(_mm_minpos_epu16(four)) as u16
+}
+
+#[target_feature(enable = "avx2")]
+#[inline]
+fn least_i32(lanes: __m256i) -> i32 {
+    let four = _mm_min_epi32(_mm256_castsi256_si128(lanes), _mm256_extracti128_si256::<1>(lanes));
+    let two = _mm_min_epi32(four, _mm_shuffle_epi32::<0b01_00_11_10>(four));
+    _mm_cvtsi128_si32(_mm_min_epi32(two, _mm_shuffle_epi32::<0b10_11_00_01>(two)))
 }
 
 /// # Safety

@@ -1,5 +1,6 @@
 //! AVX-512 with BW and VNNI: 64 patches, or 16 pixels, per step.
 
+use super::job::planes;
 use super::{Extent, Linear, Projection, Reconstruction, Shown, avx2};
 use crate::tone::{CODE_SHIFT, CUBICS, LOG_BIAS, LOG_SHIFT};
 use crate::weights::MAX_PADDED;
@@ -120,40 +121,27 @@ unsafe fn rows<const ROWS: usize>(job: &Projection<'_>, groups: &[Group], k: usi
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 pub unsafe fn relight(job: &Reconstruction<'_>, linear: Linear<'_>, shown: Option<Shown<'_>>) -> Extent {
     let (out, stride) = shown.map_or((core::ptr::null_mut(), 0), |s| (s.pixels_xrgb.as_mut_ptr(), s.stride));
-    let adds = matches!(linear, Linear::Add(_));
-    let planes = match linear {
-        Linear::Skip => None,
-        Linear::Write(planes) | Linear::Add(planes) => Some(planes.map(<[f32]>::as_mut_ptr)),
-    };
+    let (planes, adds) = planes(linear);
     let mut smallest = [_mm512_set1_epi16(-1); 2];
-    let mut largest = [_mm512_setzero_si512(); 2];
+    let mut faintest = [_mm512_set1_epi32(i32::MAX); 3];
     for x in (0..job.pixels).step_by(16) {
         // SAFETY: x + 16 <= job.pixels.
-        let mut rgb = unsafe { values(job, x) };
-        for (c, value) in rgb.iter_mut().enumerate() {
-            if let Some(planes) = planes {
-                // SAFETY: the planes hold job.pixels values.
-                unsafe {
-                    let at = planes[c].add(x);
-                    if adds {
-                        *value = _mm512_add_ps(_mm512_loadu_ps(at), *value);
-                    }
-                    _mm512_storeu_ps(at, *value);
-                }
-            }
+        let rgb = unsafe { values(job, x, planes.filter(|_| adds), &mut faintest) };
+        if let Some(planes) = planes {
+            // SAFETY: the planes hold job.pixels values.
+            rgb.iter().zip(planes).for_each(|(value, plane)| unsafe { _mm512_storeu_ps(plane.add(x), *value) });
         }
         let logs = log16(rgb);
         let counts = if x + 16 <= job.covered { u32::MAX } else { words_below(job.covered.saturating_sub(x)) };
         for k in 0..2 {
             smallest[k] = _mm512_mask_min_epu16(smallest[k], counts, smallest[k], logs[k]);
-            largest[k] = _mm512_mask_max_epu16(largest[k], counts, largest[k], logs[k]);
         }
         if !out.is_null() {
             // SAFETY: block x/16 begins `stride` words after the one before, and holds 16.
             unsafe { show(logs, out.add(x / 16 * stride)) };
         }
     }
-    Extent { smallest_log: fold(smallest, u16::min), largest_log: fold(largest, u16::max) }
+    Extent { smallest_log: least(smallest), faintest_log: faintest.map(|v| _mm512_reduce_min_epi32(v)) }
 }
 
 /// The words of [`log16`]'s order that belong to the first `count` pixels.
@@ -162,10 +150,10 @@ fn words_below(count: usize) -> u32 {
     (0..count).fold(0, |words, pixel| words | 0x11 << (pixel / 4 * 8 + pixel % 4))
 }
 
-/// R, G and B over all words of [`log16`]'s order.
+/// The least R, G and B over all words of [`log16`]'s order.
 #[target_feature(enable = "avx512f,avx512bw")]
 #[inline]
-fn fold([gr, b]: [__m512i; 2], of: fn(u16, u16) -> u16) -> [u16; 3] {
+fn least([gr, b]: [__m512i; 2]) -> [u16; 3] {
     let words = [gr, b].map(|v| {
         let mut words = [0u16; 32];
         // SAFETY: the array holds 64 bytes.
@@ -173,19 +161,25 @@ fn fold([gr, b]: [__m512i; 2], of: fn(u16, u16) -> u16) -> [u16; 3] {
         words
     });
     let over = |words: &[u16; 32], at: usize| {
-        let part = |k: usize| of(of(words[k], words[k + 1]), of(words[k + 2], words[k + 3]));
-        of(of(part(at), part(at + 8)), of(part(at + 16), part(at + 24)))
+        let part = |k: usize| words[k].min(words[k + 1]).min(words[k + 2].min(words[k + 3]));
+        part(at).min(part(at + 8)).min(part(at + 16).min(part(at + 24)))
     };
     [over(&words[0], 4), over(&words[0], 0), over(&words[1], 0)]
 }
 
-/// The 16 values from pixel `x` on, by the scalar path's `value`.
+/// The 16 values from pixel `x` on, by the scalar path's `value`; with what `added` holds. Takes their logarithms
+/// over the row scales into `faintest`.
 ///
 /// # Safety
-/// AVX-512 BW and VNNI; lengths as `Kernel::relight` checks them, `x + 16 <= job.pixels`.
+/// AVX-512 BW and VNNI; lengths as `Kernel::relight` checks them, `x + 16 <= job.pixels`; `added`: job.pixels values each.
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 #[inline]
-unsafe fn values(job: &Reconstruction<'_>, x: usize) -> [__m512; 3] {
+unsafe fn values(
+    job: &Reconstruction<'_>,
+    x: usize,
+    added: Option<[*mut f32; 3]>,
+    faintest: &mut [__m512i; 3],
+) -> [__m512; 3] {
     let n = job.pixels;
     let mut sums = [_mm512_setzero_si512(); 3];
     for j in 0..job.pairs[0].len() {
@@ -211,6 +205,11 @@ unsafe fn values(job: &Reconstruction<'_>, x: usize) -> [__m512; 3] {
                 }
                 None => value,
             };
+            if let Some(added) = added {
+                rgb[c] = _mm512_add_ps(_mm512_loadu_ps(added[c].add(x)), rgb[c]);
+            }
+            let bits = _mm512_max_epi32(_mm512_castps_si512(rgb[c]), _mm512_setzero_si512());
+            faintest[c] = _mm512_min_epi32(faintest[c], _mm512_sub_epi32(bits, _mm512_castps_si512(row)));
         }
     }
     rgb

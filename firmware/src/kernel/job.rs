@@ -49,6 +49,15 @@ pub enum Linear<'a> {
     Add([&'a mut [f32]; 3]),
 }
 
+/// Where linear values go, and whether they are added there.
+pub(super) fn planes(linear: Linear<'_>) -> (Option<[*mut f32; 3]>, bool) {
+    match linear {
+        Linear::Skip => (None, false),
+        Linear::Write(planes) => (Some(planes.map(<[f32]>::as_mut_ptr)), false),
+        Linear::Add(planes) => (Some(planes.map(<[f32]>::as_mut_ptr)), true),
+    }
+}
+
 /// Where the codes go, as 0x00RRGGBB: 16 pixels a row.
 #[derive(Debug)]
 pub struct Shown<'a> {
@@ -58,25 +67,19 @@ pub struct Shown<'a> {
     pub stride: usize,
 }
 
-/// Smallest and largest linear value of a tile's covered pixels, per channel, as the tone curve tells them apart: by
-/// their logarithm ([`crate::tone`]), from 2^-16 to 1.
+/// How dark a tile's pixels get, per channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Extent {
+    /// Smallest linear value of the covered pixels, as the tone curve tells them apart: by their logarithm
+    /// ([`crate::tone`]), from 2^-16 to 1.
     pub(crate) smallest_log: [u16; 3],
-    pub(crate) largest_log: [u16; 3],
+    /// Smallest difference of the bits of a float, of a value (0 if negative) and of its row scale: in 2^-23 octave, roughly the logarithm of what the one is over the other.
+    pub(crate) faintest_log: [i32; 3],
 }
 
 impl Extent {
     /// Of no pixels.
-    pub const EMPTY: Extent = Extent { smallest_log: [u16::MAX; 3], largest_log: [0; 3] };
-
-    /// Takes in a pixel.
-    pub(crate) fn include(&mut self, log16: [u16; 3]) {
-        for (c, log) in log16.into_iter().enumerate() {
-            self.smallest_log[c] = self.smallest_log[c].min(log);
-            self.largest_log[c] = self.largest_log[c].max(log);
-        }
-    }
+    pub const EMPTY: Extent = Extent { smallest_log: [u16::MAX; 3], faintest_log: [i32::MAX; 3] };
 
     /// Light that no pixel falls below, at most 2^-12 of itself too low; 0 where a pixel has 2^-16 or less, negative
     /// light among it; just below 1 where all have 1 or more.
@@ -84,9 +87,18 @@ impl Extent {
         self.smallest_log.map(|log| if log == 0 { 0.0 } else { tone::log16_start(u32::from(log)) })
     }
 
-    /// Light that no pixel reaches, at most 2^-12 of itself too high; infinite where a pixel has 1 or more.
-    pub fn largest(&self) -> [f32; 3] {
-        let end = |log: u16| tone::log16_start(u32::from(log) + 1);
-        self.largest_log.map(|log| if log == u16::MAX { f32::INFINITY } else { end(log) })
+    /// Light over (row scale / 65535) that no pixel falls below, at most an eighth of itself too low; pixels of scale 0 do
+    /// not count.
+    pub fn faintest(&self) -> [f32; 3] {
+        // The bits of two floats differ by at most this more than their logarithms: log2(1 + m) is up to 0.0861 above m.
+        const UNEVEN: i32 = (0.0862 * (1 << 23) as f32) as i32;
+        self.faintest_log.map(|log| 65535.0 * exp2_below(log.saturating_sub(UNEVEN)))
     }
+}
+
+/// 2 to the power of `log` / 2^23, never too high and less than 0.6 % too low; 0 below 2^-126, at most 2^101.
+fn exp2_below(log: i32) -> f32 {
+    let octave = (log >> 23).clamp(-127, 100) + 127;
+    let place = (log & 0x7f_ffff) as f32 / (1 << 23) as f32;
+    f32::from_bits((octave as u32) << 23) * ((1.0 + place * (0.6563 + 0.3437 * place)) * 0.9975)
 }

@@ -1,5 +1,6 @@
 //! NEON (`smlal`): 16 patches, or 16 pixels, per step. Part of the aarch64 baseline.
 
+use super::job::planes;
 use super::{Extent, Linear, Projection, Reconstruction, Shown};
 use crate::tone::{CODE_SHIFT, LOG_BIAS, LOG_SHIFT, coefficient_bytes};
 use core::arch::aarch64::*;
@@ -53,13 +54,9 @@ pub unsafe fn relight_by(
     sums: impl Fn(usize) -> Sums,
 ) -> Extent {
     let (out, stride) = shown.map_or((core::ptr::null_mut(), 0), |s| (s.pixels_xrgb.as_mut_ptr(), s.stride));
-    let adds = matches!(linear, Linear::Add(_));
-    let planes = match linear {
-        Linear::Skip => None,
-        Linear::Write(planes) | Linear::Add(planes) => Some(planes.map(<[f32]>::as_mut_ptr)),
-    };
+    let (planes, adds) = planes(linear);
     let mut smallest = [vdupq_n_u16(u16::MAX); 3];
-    let mut largest = [vdupq_n_u16(0); 3];
+    let mut faintest = [vdupq_n_s32(i32::MAX); 3];
     for x in (0..job.pixels).step_by(16) {
         let mut logs = [[vdupq_n_u16(0); 2]; 3];
         for half in 0..2 {
@@ -68,23 +65,17 @@ pub unsafe fn relight_by(
             let others = lanes_from(job.covered.saturating_sub(x));
             for c in 0..3 {
                 // SAFETY: x + 8 <= job.pixels.
-                let mut value = unsafe { values(job, x, c, sums[c]) };
-                for quarter in 0..2 {
-                    let (value, x) = (&mut value[quarter], x + 4 * quarter);
-                    if let Some(planes) = planes {
-                        // SAFETY: the planes hold job.pixels values.
-                        unsafe {
-                            if adds {
-                                *value = vaddq_f32(vld1q_f32(planes[c].add(x)), *value);
-                            }
-                            vst1q_f32(planes[c].add(x), *value);
-                        }
+                let value = unsafe { values(job, (x, c), sums[c], planes.filter(|_| adds), &mut faintest[c]) };
+                if let Some(planes) = planes {
+                    // SAFETY: the planes hold job.pixels values.
+                    unsafe {
+                        vst1q_f32(planes[c].add(x), value[0]);
+                        vst1q_f32(planes[c].add(x + 4), value[1]);
                     }
                 }
                 let log = log16(value);
                 logs[c][half] = log;
                 smallest[c] = vminq_u16(smallest[c], vmaxq_u16(log, others));
-                largest[c] = vmaxq_u16(largest[c], vqsubq_u16(log, others));
             }
         }
         if !out.is_null() {
@@ -92,7 +83,7 @@ pub unsafe fn relight_by(
             unsafe { show(logs, out.add(x / 16 * stride)) };
         }
     }
-    Extent { smallest_log: smallest.map(|v| vminvq_u16(v)), largest_log: largest.map(|v| vmaxvq_u16(v)) }
+    Extent { smallest_log: smallest.map(|v| vminvq_u16(v)), faintest_log: faintest.map(|v| vminvq_s32(v)) }
 }
 
 /// Integer sums of the eight pixels from `x` on. Even and odd ranks stay in lanes of their own until the end.
@@ -128,23 +119,40 @@ unsafe fn sums(job: &Reconstruction<'_>, x: usize) -> Sums {
     sums.map(|sums| sums.map(|[low, high]| vpaddq_s32(low, high)))
 }
 
-/// Eight pixels of channel `c` from `x` on, by the scalar path's `value`; no fused multiply-add, which rounds once less.
+/// Eight pixels of channel `c` from `x` on, by the scalar path's `value`; no fused multiply-add, which rounds once less. With what
+/// `added` holds. Takes their logarithms over the row scales into `faintest`.
 ///
 /// # Safety
-/// Lengths as `Kernel::relight` checks them, `x + 8 <= job.pixels`.
+/// Lengths as `Kernel::relight` checks them, `x + 8 <= job.pixels`; `added`: job.pixels values each.
 #[target_feature(enable = "neon")]
 #[inline]
-unsafe fn values(job: &Reconstruction<'_>, x: usize, c: usize, sums: [int32x4_t; 2]) -> Pixels {
+unsafe fn values(
+    job: &Reconstruction<'_>,
+    (x, c): (usize, usize),
+    sums: [int32x4_t; 2],
+    added: Option<[*mut f32; 3]>,
+    faintest: &mut int32x4_t,
+) -> Pixels {
     let at = c * job.pixels + x;
     // SAFETY: rows and the sun's plane hold 3 n u16.
     unsafe {
         let rows = floats(vreinterpretq_u16_u8(vld1q_u8(job.rows.as_ptr().add(2 * at))));
         let patches = |half: usize| vmulq_n_f32(vmulq_f32(vcvtq_f32_s32(sums[half]), rows[half]), job.unit[c]);
-        let value = [patches(0), patches(1)];
-        let Some((plane, weight)) = job.sun else { return value };
-        let response = floats(vld1q_u16(plane.as_ptr().add(at)));
-        let lit = |half: usize| vaddq_f32(value[half], vmulq_n_f32(response[half], weight[c]));
-        [lit(0), lit(1)]
+        let mut value = [patches(0), patches(1)];
+        if let Some((plane, weight)) = job.sun {
+            let response = floats(vld1q_u16(plane.as_ptr().add(at)));
+            let lit = |half: usize| vaddq_f32(value[half], vmulq_n_f32(response[half], weight[c]));
+            value = [lit(0), lit(1)];
+        }
+        if let Some(added) = added {
+            let add = |half: usize| vaddq_f32(vld1q_f32(added[c].add(x + 4 * half)), value[half]);
+            value = [add(0), add(1)];
+        }
+        for half in 0..2 {
+            let bits = vmaxq_s32(vreinterpretq_s32_f32(value[half]), vdupq_n_s32(0));
+            *faintest = vminq_s32(*faintest, vsubq_s32(bits, vreinterpretq_s32_f32(rows[half])));
+        }
+        value
     }
 }
 

@@ -23,17 +23,26 @@ pub fn project(job: &Projection<'_>, out: &mut [i32]) {
 pub fn relight(job: &Reconstruction<'_>, mut linear: Linear<'_>, mut shown: Option<Shown<'_>>) -> Extent {
     let mut extent = Extent::EMPTY;
     for x in 0..job.pixels {
-        let mut rgb = core::array::from_fn(|c| value(job, c, x));
-        match &mut linear {
-            Linear::Skip => {}
-            Linear::Write(planes) => (0..3).for_each(|c| planes[c][x] = rgb[c]),
-            Linear::Add(planes) => (0..3).for_each(|c| {
-                planes[c][x] += rgb[c];
-                rgb[c] = planes[c][x];
-            }),
+        let mut rgb = [0.0; 3];
+        for (c, shown) in rgb.iter_mut().enumerate() {
+            let (value, row) = value(job, c, x);
+            *shown = match &mut linear {
+                Linear::Skip => value,
+                Linear::Write(planes) => {
+                    planes[c][x] = value;
+                    value
+                }
+                Linear::Add(planes) => {
+                    planes[c][x] += value;
+                    planes[c][x]
+                }
+            };
+            let log = (shown.to_bits() as i32).max(0) - row.to_bits() as i32;
+            extent.faintest_log[c] = extent.faintest_log[c].min(log);
         }
         if x < job.covered {
-            extent.include(rgb.map(tone::log16));
+            let logs = extent.smallest_log.iter_mut().zip(rgb);
+            logs.for_each(|(log, value)| *log = (*log).min(tone::log16(value)));
         }
         if let Some(shown) = &mut shown {
             shown.pixels_xrgb[x / TILE_PX * shown.stride + x % TILE_PX] = xrgb(rgb.map(tone::code));
@@ -42,8 +51,8 @@ pub fn relight(job: &Reconstruction<'_>, mut linear: Linear<'_>, mut shown: Opti
     extent
 }
 
-/// `(sum * row) * unit + response * weight`, each operation rounded by itself.
-fn value(job: &Reconstruction<'_>, c: usize, x: usize) -> f32 {
+/// `(sum * row) * unit + response * weight`, each operation rounded by itself, and the row scale.
+fn value(job: &Reconstruction<'_>, c: usize, x: usize) -> (f32, f32) {
     let n = job.pixels;
     let mut sum = 0i32;
     for (j, &pair) in job.pairs[c].iter().enumerate() {
@@ -54,7 +63,7 @@ fn value(job: &Reconstruction<'_>, c: usize, x: usize) -> f32 {
     let at = 2 * (c * n + x);
     let row = f32::from(u16::from_le_bytes([job.rows[at], job.rows[at + 1]]));
     let value = sum as f32 * row * job.unit[c];
-    job.sun.map_or(value, |(plane, weight)| value + f32::from(plane[c * n + x]) * weight[c])
+    (job.sun.map_or(value, |(plane, weight)| value + f32::from(plane[c * n + x]) * weight[c]), row)
 }
 
 /// See [`super::Kernel::tone`].

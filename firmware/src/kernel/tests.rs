@@ -174,6 +174,11 @@ impl Case {
         }
     }
 
+    fn row(&self, c: usize, x: usize) -> f64 {
+        let at = 2 * (c * self.pixels + x);
+        f64::from(u16::from_le_bytes([self.rows[at], self.rows[at + 1]]))
+    }
+
     /// The definition with an exact sum, and how far single precision may be from it.
     fn exact(&self, c: usize, x: usize) -> (f64, f64) {
         let mut sum = 0i128;
@@ -183,8 +188,7 @@ impl Case {
             sum += i128::from(self.u[at + 1] as i8) * i128::from((pair >> 16) as i16);
         }
         let at = c * self.pixels + x;
-        let row = u16::from_le_bytes([self.rows[2 * at], self.rows[2 * at + 1]]);
-        let patches = sum as f64 * f64::from(row) * f64::from(self.unit[c]);
+        let patches = sum as f64 * self.row(c, x) * f64::from(self.unit[c]);
         let sun = self.weight.map_or(0.0, |weight| f64::from(self.response[at]) * f64::from(weight[c]));
         (patches + sun, (patches.abs() + sun) * 2f64.powi(-22))
     }
@@ -268,16 +272,19 @@ fn relit_values_are_the_exact_sums_to_single_precision() {
             for given in [&new, &added] {
                 let plane = &given.planes[c];
                 let covered = &plane[8..8 + case.covered];
-                let (least, most) = (given.extent.smallest()[c], given.extent.largest()[c]);
-                let inside =
-                    covered.iter().all(|&value| (value >= least || least == 0.0 || value >= 1.0) && value < most);
+                let least = given.extent.smallest()[c];
+                let inside = covered.iter().all(|&value| value >= least || least == 0.0 || value >= 1.0);
                 let tight = |end: f32, by: f32| covered.iter().any(|&value| (end / by..=end * by).contains(&value));
                 let low = covered.iter().any(|&value| value < 2f32.powi(-15));
                 let high = covered.iter().any(|&value| value >= 1.0);
                 let by = 1.0 + 1.0 / 4096.0;
                 assert!(inside && (tight(least, by) || low && least < 2f32.powi(-15) || high && least > 0.999));
-                assert!(tight(most, by) || high && most == f32::INFINITY || most < 2f32.powi(-15));
-                assert!(!high || most == f32::INFINITY);
+                let rows = (0..n).map(|x| case.row(c, x));
+                let over_rows = plane[8..].iter().zip(rows).filter(|(_, row)| *row > 0.0);
+                let exact =
+                    over_rows.map(|(v, row)| f64::from(*v) / row * 65535.0).fold(f64::INFINITY, f64::min).max(0.0);
+                let faintest = f64::from(given.extent.faintest()[c]);
+                assert!(faintest <= exact && (faintest >= 0.87 * exact || exact > 1e30), "{faintest} {exact}");
                 assert!(plane[..8].iter().chain(&plane[8 + n..]).all(|&guard| guard == before));
             }
         }
@@ -316,7 +323,7 @@ fn a_job_without_covered_pixels_has_an_empty_extent() {
     case.rows.truncate(96);
     case.response.truncate(48);
     for kernel in Kernel::paths() {
-        assert_eq!(Given::by(kernel, &case, 1, true).extent, Extent::EMPTY);
+        assert_eq!(Given::by(kernel, &case, 1, true).extent.smallest_log, Extent::EMPTY.smallest_log);
     }
 }
 

@@ -1,6 +1,7 @@
 //! Blocks of 2 x 2 tiles: their coefficients from frame to frame, and the bound on their error.
 
 use super::levels::Levels;
+use super::standing::Standing;
 use relume_firmware::coefficients::project_channel;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
@@ -22,6 +23,7 @@ pub(super) struct Block {
     pub(super) level: usize,
     /// Bounds on the error of the factors, `[plain, weighted][channel]`; 0 where the field has none.
     pub(super) bound: [[f32; 3]; 2],
+    pub(super) standing: Standing,
 }
 
 /// How a block's coefficients came about.
@@ -47,6 +49,7 @@ impl Block {
             current: false,
             level: 0,
             bound: [[0.0; 3]; 2],
+            standing: Standing::new(field, index),
         }
     }
 
@@ -77,7 +80,9 @@ impl Block {
             return Projected::Kept;
         }
         let response = field.response();
-        if let Some(next) = response.tiles_of(index + 1).next().filter(|_| index + 1 < response.blocks()) {
+        // A step reads little of V.
+        let next = response.tiles_of(index + 1).next().filter(|_| step.is_none() && index + 1 < response.blocks());
+        if let Some(next) = next {
             Coefficients::prefetch_projection(&response.tile(next), kernel);
         }
         let how = match step {

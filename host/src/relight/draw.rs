@@ -57,8 +57,6 @@ pub(super) struct Drawing<'a> {
     pub(super) blocks: &'a [Block],
     pub(super) sun: Option<(&'a [u16], [u32; 3])>,
     pub(super) unpacked: &'a [UnpackedRows<'a>],
-    /// Is there an error budget?
-    pub(super) for_error: bool,
     /// Is there a time budget? Then it is known what is drawn.
     pub(super) for_time: bool,
     pub(super) slope: &'a CodeSlope,
@@ -151,13 +149,7 @@ impl Drawing<'_> {
         let with = (shown.coefficients, &light);
         let extent = self.compositor.tile((self.field, index), with, linear, state.edges_mut(), target);
         if state.empty || self.levels.bounds_on() {
-            let mut dimmest = Dimmest::of_extent(extent);
-            if self.for_error && !state.empty {
-                // An error budget is worth a second look: a dark pixel of a dark row is not at fault.
-                shown.coefficients.pixels(self.field, index, &light, kernel, linear);
-                dimmest = dimmest.with_pixels(&response.tile(index), linear);
-            }
-            state.note(index, self, (block, shown), dimmest);
+            state.note(index, self, (block, shown), Dimmest::of_extent(extent));
         }
     }
 

@@ -20,13 +20,14 @@ impl Relighter<'_> {
         let (width, height) = (self.field.width(), self.field.height());
         if framebuffer.pixels.len() != width * height {
             *framebuffer = Framebuffer::new(width, height);
+            self.redraw();
             self.states.iter_mut().for_each(|state| state.is_drawn = false);
-            self.shown = None;
         }
         if let Some(still) = self.still(view) {
             return still;
         }
         self.look_at(view);
+        self.find_standing();
         if let Budget::Time(allowed) = self.budget {
             self.choose(view, started, allowed);
         }
@@ -57,10 +58,50 @@ impl Relighter<'_> {
         if bounded {
             (counters.bound_linear, counters.bound_codes) = (Some(drew.bound_linear), Some(drew.bound_codes));
         }
+        self.remember_standing();
         let finished = self.settled && drew.waiting == 0;
         self.shown = finished.then_some((counters, view.identity, self.moment));
         self.new_weights = false;
         counters
+    }
+
+    /// Can blocks be looked at instead of tiles? Not within an error budget, which needs each tile's own bound, nor where the
+    /// sun's response has moved, patches are shown by their own rows, or fewer ranks are used.
+    fn may_stand(&self) -> bool {
+        self.levels.bounds(&self.field).is_some()
+            && !matches!(self.budget, Budget::ErrorCodes(_))
+            && self.rank_limit.is_none()
+            && !self.counters.sun_traced
+            && self.levels.get(0).weights.apart().next().is_none()
+    }
+
+    /// Finds the blocks whose tiles all may stay.
+    fn find_standing(&mut self) {
+        let possible = self.may_stand();
+        let (slope, sun_q16) = (&self.slope, self.shown_sun_q16());
+        for block in &mut self.blocks {
+            if possible { block.stand(slope, sun_q16) } else { block.standing.forget() }
+        }
+    }
+
+    /// Remembers how far the tiles of the other blocks have moved.
+    fn remember_standing(&mut self) {
+        if !self.may_stand() {
+            return;
+        }
+        let (moment, sun_q16) = (self.moment, self.shown_sun_q16());
+        let response = self.field.response();
+        for (index, block) in self.blocks.iter_mut().enumerate() {
+            let drawn = response.tiles_of(index).fold(false, |any, tile| self.states[tile].was_drawn() | any);
+            if drawn || block.standing.stays().is_none() {
+                block.remember(response.tiles_of(index).map(|tile| &self.states[tile]), (moment, sun_q16));
+            }
+        }
+    }
+
+    /// The sun's weight in what is drawn.
+    fn shown_sun_q16(&self) -> [u32; 3] {
+        self.given.sun.map_or([0; 3], |_| self.levels.get(0).weights.sun_q16())
     }
 
     /// Takes notice of the view: once it changes it is live, and the edge pixels' light is kept from then on, so that a new
@@ -143,7 +184,6 @@ impl Relighter<'_> {
             blocks: &self.blocks,
             sun: self.given.sun.map(|_| (self.sun.plane(), self.levels.get(0).weights.sun_q16())),
             unpacked: &unpacked[..count],
-            for_error: matches!(self.budget, Budget::ErrorCodes(_)),
             for_time: matches!(self.budget, Budget::Time(_)),
             slope: &self.slope,
             view: view.identity,

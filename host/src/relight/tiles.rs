@@ -2,7 +2,8 @@
 
 use super::blocks::Block;
 use super::draw::Drawing;
-use relume_firmware::coefficients::TileReach;
+use super::standing::Stand;
+use relume_firmware::coefficients::{Sides, TileReach};
 use relume_firmware::drawn::{Dimmest, DrawnTile, HALF_CODE, Off, ShownLight, SunDrift, dark_shares};
 use relume_firmware::edge::Edges;
 use relume_firmware::field::Field;
@@ -35,6 +36,10 @@ pub(super) struct TileState {
     /// See [`TileReach`].
     reach: Vec<f32>,
     dark_shares: [f32; 3],
+    /// How far the sky's light of `moment` has moved since the tile was drawn; `None`: known of its block only.
+    moved: Option<[[Sides; 3]; 2]>,
+    /// Was it drawn with the newest frame?
+    drawn_now: bool,
     /// Bounds of what is shown now: linear, and codes with rounding.
     pub(super) shown_bound: (f32, f32),
 }
@@ -42,7 +47,7 @@ pub(super) struct TileState {
 impl TileState {
     pub(super) fn new(field: &Field<'_>, index: usize) -> Self {
         let tile = field.response().tile(index);
-        let mut reach = vec![0.0; 6 * tile.rank()];
+        let mut reach = vec![0.0; TileReach::len_of(&tile)];
         TileReach::measure(&tile, &mut reach);
         TileState {
             drawn: DrawnTile::NOTHING,
@@ -60,6 +65,8 @@ impl TileState {
             empty: tile.pixels() == 0,
             reach,
             dark_shares: dark_shares(&tile),
+            moved: None,
+            drawn_now: false,
             shown_bound: (0.0, 0.0),
         }
     }
@@ -102,6 +109,9 @@ impl TileState {
         } else if level > 0 {
             // With as many patches apart as on higher levels only the same light can be compared.
             f32::INFINITY
+        } else if let Some(bound) = block.standing.stays() {
+            (self.moment, self.shown_bound, self.moved) = (drawing.moment, bound, None);
+            0.0
         } else {
             self.change(index, drawing, (block, light)) * (1.0 + self.frames_waited as f32)
         };
@@ -115,11 +125,14 @@ impl TileState {
 
     /// Codes by which the light may have changed since the tile was drawn; 0 for less than a half.
     fn change(&mut self, index: usize, drawing: &Drawing<'_>, (block, light): (&Block, &ShownLight<'_>)) -> f32 {
-        let moved = self.drawn.moved((drawing.field, index), light, &TileReach(&self.reach), &self.sun);
+        let tile = (drawing.field, index);
+        let error = Off::of(tile, light, (&block.coefficients, &block.bound));
+        let moved = self.drawn.moved(tile, light, (&TileReach(&self.reach), &self.sun), &error);
+        self.moved = Some(moved.sky);
         let codes = self.drawn.codes(drawing.slope, &self.dark_shares, &moved);
         let changed = codes >= HALF_CODE;
         if !changed || drawing.for_time {
-            self.note_bound(index, drawing, (block, light), &moved);
+            self.note_bound(drawing, error.and_moved(&moved));
         }
         if changed {
             return codes;
@@ -141,18 +154,24 @@ impl TileState {
         self.frames_waited = 0;
         (self.level, self.view) = (block.level, drawing.view);
         self.sun.reset();
-        self.note_bound(index, drawing, (block, light), &Off::default());
+        (self.moved, self.drawn_now) = (Some(Default::default()), true);
+        self.note_bound(drawing, Off::of((drawing.field, index), light, (&block.coefficients, &block.bound)));
     }
 
-    /// `moved`: how far what is shown may be from what `light` would show.
-    fn note_bound(
-        &mut self,
-        index: usize,
-        drawing: &Drawing<'_>,
-        (block, light): (&Block, &ShownLight<'_>),
-        moved: &Off,
-    ) {
-        let error = Off::of((drawing.field, index), light, (&block.coefficients, &block.bound)).and(moved);
+    /// How far the sky's light has moved, if the tile shows that of `moment` and nothing but the sky's has moved.
+    pub(super) fn stand(&self, moment: u64, sun_q16: [u32; 3]) -> Option<Stand> {
+        let alike = self.is_drawn && self.moment == moment && self.level == 0 && self.sun.is_still();
+        let stand = Stand { moved: self.moved?, dimmest: self.drawn.dimmest(), dark_shares: self.dark_shares };
+        (alike && self.drawn.is_under(sun_q16)).then_some(stand)
+    }
+
+    /// Was it drawn since this was asked last?
+    pub(super) fn was_drawn(&mut self) -> bool {
+        std::mem::take(&mut self.drawn_now)
+    }
+
+    /// `error`: how far what is shown may be from what is meant.
+    fn note_bound(&mut self, drawing: &Drawing<'_>, error: Off) {
         self.shown_bound = (error.linear(), self.drawn.codes_rounded(drawing.slope, &self.dark_shares, &error));
     }
 }

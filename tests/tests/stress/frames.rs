@@ -114,6 +114,41 @@ fn a_live_view_is_composited_as_if_all_were_drawn() {
     }
 }
 
+/// A sky that wanders: whatever was kept, in whole blocks or tile by tile, is within a code of a picture drawn anew, over
+/// redrawing, another view and another exposure.
+#[test]
+fn kept_tiles_are_within_a_code_of_a_new_picture() {
+    let stress = StressField::new(64, (127, 95), 0.004, &[Matter::Street, Matter::Checkers, Matter::Holes], 1.0);
+    let mut chance = light::Chance(11);
+    let mut given = light::captured(&stress.patches, 4, 0.4);
+    let mut shown = Shown::new(&stress, Kernel::detect());
+    let (mut kept, mut drawn) = (0, 0);
+    for frame in 0..120 {
+        let step = [0.0005f32, 0.003, 0.02][frame / 8 % 3];
+        for _ in 0..6 {
+            let patch = chance.below(given.len());
+            given[patch] = given[patch].map(|v| v * (1.0 + step * (2.0 * chance.unit() - 1.0)));
+        }
+        match frame {
+            40 => shown.relighter.redraw(),
+            60 => shown.view.pixels_mut().fill(BEHIND),
+            _ => {}
+        }
+        let exposure = if frame < 80 { 0.4 } else { 0.3 };
+        let counters = shown.frame(&given, exposure);
+        let mut fresh = Shown::new(&stress, Kernel::detect());
+        fresh.frame(&given, exposure);
+        for (a, b) in shown.framebuffer.pixels.iter().zip(&fresh.framebuffer.pixels) {
+            let apart = a.to_be_bytes().into_iter().zip(b.to_be_bytes()).map(|(a, b)| a.abs_diff(b)).max();
+            assert!(apart <= Some(1), "frame {frame}: {a:06x}, not {b:06x}");
+        }
+        kept += counters.tiles_kept;
+        drawn += counters.tiles_drawn;
+    }
+    println!("a wandering sky: {drawn} tiles drawn, {kept} kept");
+    assert!(kept > drawn, "{kept} of {drawn}");
+}
+
 /// However little time there is, a frame says how far off it is, and a still sky's picture gets finished; with time enough
 /// nothing waits.
 #[test]
