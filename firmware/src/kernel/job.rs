@@ -73,7 +73,8 @@ pub struct Extent {
     /// Smallest linear value of the covered pixels, as the tone curve tells them apart: by their logarithm
     /// ([`crate::tone`]), from 2^-16 to 1.
     pub(crate) smallest_log: [u16; 3],
-    /// Smallest difference of the bits of a float, of a value (0 if negative) and of its row scale: in 2^-23 octave, roughly the logarithm of what the one is over the other.
+    /// Smallest difference of the bits of a float, of a value (0 if negative) and of its row scale: in 2^-23 octave, roughly
+    /// the logarithm of what the one is over the other.
     pub(crate) faintest_log: [i32; 3],
 }
 

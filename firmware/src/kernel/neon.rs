@@ -119,8 +119,8 @@ unsafe fn sums(job: &Reconstruction<'_>, x: usize) -> Sums {
     sums.map(|sums| sums.map(|[low, high]| vpaddq_s32(low, high)))
 }
 
-/// Eight pixels of channel `c` from `x` on, by the scalar path's `value`; no fused multiply-add, which rounds once less. With what
-/// `added` holds. Takes their logarithms over the row scales into `faintest`.
+/// Eight pixels of channel `c` from `x` on, by the scalar path's `value`; no fused multiply-add, which rounds once less.
+/// With what `added` holds. Takes their logarithms over the row scales into `faintest`.
 ///
 /// # Safety
 /// Lengths as `Kernel::relight` checks them, `x + 8 <= job.pixels`; `added`: job.pixels values each.
