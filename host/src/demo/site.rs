@@ -35,7 +35,7 @@ impl Site {
         let stack = folder.join("stack");
         let options = BakeOptions {
             size: SIZE,
-            transport: TransportOptions { paths: 2, sun_paths: 16, ..TransportOptions::default() },
+            transport: TransportOptions { paths: 2, sun_paths: 10, ..TransportOptions::default() },
             stack: Some(stack.clone()),
             site: Some(demo_scene::SITE_DEG),
             ..BakeOptions::default()
