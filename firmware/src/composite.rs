@@ -94,10 +94,11 @@ impl Compositor<'_> {
         let coverage = field.coverage(index);
         let has_rows = add_rows(field, index, light, self.kernel, linear);
         let job = coefficients.job(&tile, light.sun);
-        if n == TILE_PIXELS && tile.pixels() == n && coverage.is_none() && !has_rows && target.is_inside() {
+        if n == TILE_PIXELS && tile.pixels() == n && coverage.is_none() && target.is_inside() {
             let (x0, y0) = target.at;
             let (pixels_xrgb, stride) = target.surface.from_mut(x0, y0 - target.surface_y0);
-            return self.kernel.relight(&job, Linear::Skip, Some(Shown { pixels_xrgb, stride }));
+            let to = if has_rows { Linear::Add(linear.planes(n)) } else { Linear::Skip };
+            return self.kernel.relight(&job, to, Some(Shown { pixels_xrgb, stride }));
         }
         let mut buffer = [0u32; TILE_PIXELS];
         let shown = Shown { pixels_xrgb: &mut buffer[..n], stride: TILE_PX };

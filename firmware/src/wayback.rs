@@ -62,6 +62,7 @@ pub struct WayBack<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct PatchRows<'a> {
     entry: &'a [u8],
+    /// From the first strip on.
     strips: &'a [u8],
     pixels: usize,
 }
@@ -108,9 +109,8 @@ impl<'a> WayBack<'a> {
     pub fn get(&self, index: usize, tile: &Tile<'_>, patch: usize) -> Option<PatchRows<'a>> {
         let block = &self.blocks[self.block(index).filter(|_| patch < self.patches)?..];
         let entry = &block[patch * WAY_ENTRY..][..WAY_ENTRY];
-        let (from, pixels) = (u32_at(entry, 0) as usize, tile.padded_pixels());
-        let end = strips_end(block, from, pixels)?;
-        Some(PatchRows { entry, strips: &block[from..end], pixels })
+        // That the strips fit was checked; whoever asks for no more than the entry must not wait for their headers.
+        Some(PatchRows { entry, strips: block.get(u32_at(entry, 0) as usize..)?, pixels: tile.padded_pixels() })
     }
 
     /// Bytes of all rows.
@@ -141,7 +141,7 @@ fn strips_end(block: &[u8], from: usize, pixels: usize) -> Option<usize> {
 impl PatchRows<'_> {
     /// Bytes that it takes to read them.
     pub fn bytes(&self) -> usize {
-        self.entry.len() + self.strips.len()
+        self.entry.len() + strips_end(self.strips, 0, self.pixels).unwrap_or(0)
     }
 
     /// What `code^2 * row scale code * 2^re` is multiplied by.

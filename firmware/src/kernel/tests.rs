@@ -317,6 +317,25 @@ fn sums_of_the_most_ranks_do_not_wrap() {
 }
 
 #[test]
+fn every_path_adds_squares_to_the_same_bits_and_near_the_exact_sum() {
+    let mut random = Random(9);
+    for n in [16, 48, 256] {
+        let codes: Vec<u16> = (0..n).map(|_| random.below(8192) as u16).collect();
+        let unit = 2f32.powi(-30) * 1.1;
+        for kernel in Kernel::paths() {
+            let [mut found, mut expected] = [0; 2].map(|_| vec![0.25f32; n]);
+            kernel.add_squares(&codes, unit, &mut found);
+            Kernel::SCALAR.add_squares(&codes, unit, &mut expected);
+            for ((found, expected), code) in found.iter().zip(&expected).zip(&codes) {
+                assert_eq!(found.to_bits(), expected.to_bits(), "{}", kernel.name());
+                let exact = 0.25 + f64::from(*code).powi(2) * f64::from(unit);
+                assert!((f64::from(*found) - exact).abs() <= 2e-7 * exact, "{code}: {found} {exact}");
+            }
+        }
+    }
+}
+
+#[test]
 fn a_job_without_covered_pixels_has_an_empty_extent() {
     let mut case = Case::new(1, &mut Random(4));
     (case.pixels, case.covered) = (16, 0);
