@@ -225,8 +225,7 @@ impl Off {
         (all, block_bound): (&Coefficients, &[[f32; 3]; 2]),
     ) -> Off {
         let tile = field.response().tile(index);
-        let mut off = Off { sky: block_bound.map(|kind| kind.map(Sides::both)), ..Off::default() };
-        off.add_sky(&[light.coefficients.rounding_bound(all, &TileSize::of(&tile)).map(Sides::both); 2]);
+        let mut off = Off::of_factors(light.coefficients, (all, block_bound), &TileSize::of(&tile));
         let mut squares = [0.0f32; 3];
         for apart in light.weights.apart() {
             let Some(rows) = field.way_back().get(index, &tile, usize::from(apart.patch)) else { continue };
@@ -240,6 +239,16 @@ impl Off {
         }
         off.rows_root = squares.map(|square| 0.5 * libm::sqrtf(square) * SLACK);
         off
+    }
+
+    /// The same of what the factors show alone, for a tile of this size.
+    pub fn of_factors(
+        shown: &Coefficients,
+        (all, block_bound): (&Coefficients, &[[f32; 3]; 2]),
+        size: &TileSize,
+    ) -> Off {
+        let rounding = shown.rounding_bound(all, size);
+        Off::of_sky(block_bound.map(|kind| core::array::from_fn(|c| Sides::both(kind[c] + rounding[c]))))
     }
 
     /// Of the sky's light alone.
@@ -320,16 +329,6 @@ impl DrawnTile {
         }
         off.add_sky(&[self.rows_change(field, index, &tile, light.weights).map(Sides::both); 2]);
         off
-    }
-
-    /// [`Dimmest::codes`] of what was drawn.
-    pub fn codes(&self, slope: &CodeSlope, dark_shares: &[f32; 3], off: &Off) -> f32 {
-        self.dimmest.codes(slope, dark_shares, off)
-    }
-
-    /// [`Dimmest::codes_rounded`] of what was drawn.
-    pub fn codes_rounded(&self, slope: &CodeSlope, dark_shares: &[f32; 3], off: &Off) -> f32 {
-        self.dimmest.codes_rounded(slope, dark_shares, off)
     }
 
     /// How dim it is.

@@ -83,7 +83,8 @@ impl<'f> Relighter<'f> {
         let response = field.response();
         let patches = field.patch_set().len();
         let pool = thread_pool(threads);
-        let blocks: Vec<Block> = (0..response.blocks()).map(|index| Block::new(&field, index)).collect();
+        let states: Vec<TileState> = (0..response.tiles()).map(|index| TileState::new(&field, index)).collect();
+        let blocks: Vec<Block> = (0..response.blocks()).map(|index| Block::new(&field, index, &states)).collect();
         let counters = FrameCounters {
             tiles: response.tiles(),
             blocks: blocks.iter().filter(|block| block.tile.is_some()).count(),
@@ -102,7 +103,7 @@ impl<'f> Relighter<'f> {
             exposure: 1.0,
             sun: SunPlane::new(&field),
             blocks,
-            states: (0..response.tiles()).map(|index| TileState::new(&field, index)).collect(),
+            states,
             budget: Budget::default(),
             pace: Pace::default(),
             choice: Choice::new(response.tiles()),

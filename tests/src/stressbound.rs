@@ -116,7 +116,7 @@ impl<'a> Examiner<'a> {
         let exact = self.exact(index, light, exposure);
         let (shown, off, drawn) = self.shown(index);
         let tile = self.field.response().tile(index);
-        let codes = drawn.codes(&self.slope, &dark_shares(&tile), &off);
+        let codes = drawn.dimmest().codes(&self.slope, &dark_shares(&tile), &off);
         let mut found = TileFound::default();
         for c in 0..3 {
             let [plain, weighted] = [0, 1].map(|kind: usize| f64::from(off.sky[kind][c].most() + off.rows[c]));

@@ -110,7 +110,7 @@ impl TileState {
         let (shown, tile) = (light.on(projected), (field, index));
         let error = Off::of(tile, &shown, (&projected.coefficients, &projected.bound));
         let moved = self.drawn.moved(tile, &shown, (&TileReach(&[]), &self.sun), &error);
-        if self.drawn.codes(light.slope, &self.dark_shares, &moved) >= HALF_CODE {
+        if self.drawn.dimmest().codes(light.slope, &self.dark_shares, &moved) >= HALF_CODE {
             return false;
         }
         self.note_bound(light, error.and_moved(&moved));
@@ -136,6 +136,6 @@ impl TileState {
 
     /// `error`: how far what is shown may be from what is meant.
     fn note_bound(&mut self, light: FrameLight<'_>, error: Off) {
-        self.shown_bound = (error.linear(), self.drawn.codes_rounded(light.slope, &self.dark_shares, &error));
+        self.shown_bound = (error.linear(), self.drawn.dimmest().codes_rounded(light.slope, &self.dark_shares, &error));
     }
 }

@@ -2,6 +2,7 @@
 
 use super::levels::Levels;
 use super::standing::Standing;
+use super::tiles::TileState;
 use relume_firmware::coefficients::project_channel;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
@@ -38,7 +39,7 @@ pub(super) enum Projected {
 }
 
 impl Block {
-    pub(super) fn new(field: &Field<'_>, index: usize) -> Self {
+    pub(super) fn new(field: &Field<'_>, index: usize, states: &[TileState]) -> Self {
         let response = field.response();
         let tile = response.tiles_of(index).find(|&tile| response.tile(tile).pixels() > 0);
         let sums = tile.map_or(0, |tile| 3 * response.tile(tile).v_rank());
@@ -49,7 +50,7 @@ impl Block {
             current: false,
             level: 0,
             bound: [[0.0; 3]; 2],
-            standing: Standing::new(field, index),
+            standing: Standing::new(field, index, states),
         }
     }
 

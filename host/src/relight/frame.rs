@@ -182,7 +182,7 @@ impl Relighter<'_> {
             },
             levels: &self.levels,
             blocks: &self.blocks,
-            sun: self.given.sun.map(|_| (self.sun.plane(), self.levels.get(0).weights.sun_q16())),
+            sun: self.given.sun.map(|_| (self.sun.plane(), self.shown_sun_q16())),
             unpacked: &unpacked[..count],
             for_time: matches!(self.budget, Budget::Time(_)),
             slope: &self.slope,

@@ -34,18 +34,16 @@ pub(super) struct Standing {
 }
 
 impl Standing {
-    pub(super) fn new(field: &Field<'_>, block: usize) -> Self {
+    /// Of block number `block`; `states` are all tiles'.
+    pub(super) fn new(field: &Field<'_>, block: usize, states: &[TileState]) -> Self {
         let response = field.response();
-        let tiles = || response.tiles_of(block).map(|index| response.tile(index)).filter(|tile| tile.pixels() > 0);
-        let size = tiles().map(|tile| TileSize::of(&tile)).fold(TileSize::default(), TileSize::max);
-        let mut own = vec![0.0; tiles().map(|tile| TileReach::len_of(&tile)).max().unwrap_or(0)];
-        for tile in tiles() {
-            let mut reach = vec![0.0; TileReach::len_of(&tile)];
-            TileReach::measure(&tile, &mut reach);
-            TileReach(&reach).join(&TileSize::of(&tile), &mut own);
-        }
+        let tiles = || response.tiles_of(block).filter(|&index| !states[index].empty);
+        let size_of = |index: usize| TileSize::of(&response.tile(index));
+        let size = tiles().map(size_of).fold(TileSize::default(), TileSize::max);
+        let mut reach = vec![0.0; tiles().map(|index| states[index].reach().0.len()).max().unwrap_or(0)];
+        tiles().for_each(|index| states[index].reach().join(&size_of(index), &mut reach));
         let coefficients = Coefficients::ZERO;
-        Standing { stand: None, coefficients, sun_q16: [0; 3], size, reach: own, stays: None }
+        Standing { stand: None, coefficients, sun_q16: [0; 3], size, reach, stays: None }
     }
 
     /// Do all tiles stay? Then with these bounds.
@@ -68,13 +66,12 @@ impl Block {
         // The row units are in the reach.
         let unit = TileSize { row_unit: [1.0; 3], ..standing.size };
         let change = self.coefficients.change_bound(&standing.coefficients, &unit, &TileReach(&standing.reach));
-        let moved = added(stand.moved, &change);
-        if stand.dimmest.codes(slope, &stand.dark_shares, &Off::of_sky(moved)) >= HALF_CODE {
+        let moved = Off::of_sky(stand.moved).and_moved(&Off::of_sky(change));
+        if stand.dimmest.codes(slope, &stand.dark_shares, &moved) >= HALF_CODE {
             return;
         }
-        let rounding = self.coefficients.rounding_bound(&self.coefficients, &standing.size);
-        let error = self.bound.map(|kind| core::array::from_fn(|c| Sides::both(kind[c] + rounding[c])));
-        let off = Off::of_sky(added(moved, &error));
+        let exact = (&self.coefficients, &self.bound);
+        let off = Off::of_factors(&self.coefficients, exact, &standing.size).and_moved(&moved);
         standing.stays = Some((off.linear(), stand.dimmest.codes_rounded(slope, &stand.dark_shares, &off)));
     }
 
@@ -105,9 +102,4 @@ impl Stand {
             dark_shares: core::array::from_fn(|c| self.dark_shares[c].max(other.dark_shares[c])),
         }
     }
-}
-
-fn added(mut to: [[Sides; 3]; 2], other: &[[Sides; 3]; 2]) -> [[Sides; 3]; 2] {
-    to.iter_mut().flatten().zip(other.iter().flatten()).for_each(|(own, other)| *own += *other);
-    to
 }

@@ -71,6 +71,10 @@ impl TileState {
         }
     }
 
+    pub(super) fn reach(&self) -> TileReach<'_> {
+        TileReach(&self.reach)
+    }
+
     /// Makes room for the light of the edge pixels: the view is live.
     pub(super) fn keep_edges(&mut self, field: &Field<'_>, index: usize) {
         self.edges.resize(Edges::light_len(field.coverage(index)), 0.0);
@@ -127,9 +131,9 @@ impl TileState {
     fn change(&mut self, index: usize, drawing: &Drawing<'_>, (block, light): (&Block, &ShownLight<'_>)) -> f32 {
         let tile = (drawing.field, index);
         let error = Off::of(tile, light, (&block.coefficients, &block.bound));
-        let moved = self.drawn.moved(tile, light, (&TileReach(&self.reach), &self.sun), &error);
+        let moved = self.drawn.moved(tile, light, (&self.reach(), &self.sun), &error);
         self.moved = Some(moved.sky);
-        let codes = self.drawn.codes(drawing.slope, &self.dark_shares, &moved);
+        let codes = self.drawn.dimmest().codes(drawing.slope, &self.dark_shares, &moved);
         let changed = codes >= HALF_CODE;
         if !changed || drawing.for_time {
             self.note_bound(drawing, error.and_moved(&moved));
@@ -172,6 +176,7 @@ impl TileState {
 
     /// `error`: how far what is shown may be from what is meant.
     fn note_bound(&mut self, drawing: &Drawing<'_>, error: Off) {
-        self.shown_bound = (error.linear(), self.drawn.codes_rounded(drawing.slope, &self.dark_shares, &error));
+        self.shown_bound =
+            (error.linear(), self.drawn.dimmest().codes_rounded(drawing.slope, &self.dark_shares, &error));
     }
 }

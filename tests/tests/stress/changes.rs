@@ -71,7 +71,7 @@ fn hold(field: &Field<'_>, index: usize, before: &Moment, after: &Moment) -> Opt
         let since = (&TileReach(reach), &drift);
         let error = Off::of((field, index), &after.shown(), (&after.coefficients, &after.bound));
         let off = drawn.moved((field, index), &after.shown(), since, &error);
-        let bound = drawn.codes(&CodeSlope::new(), &dark_shares(&tile), &off);
+        let bound = drawn.dimmest().codes(&CodeSlope::new(), &dark_shares(&tile), &off);
         assert!(f64::from(bound) * 1.0001 + 1e-3 >= truth, "tile {index}: {bound} is below {truth}; {off:?}");
         looseness.get_or_insert(bound / truth as f32);
     }
