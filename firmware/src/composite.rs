@@ -1,10 +1,11 @@
 //! Compositing: a relit tile over the view, in linear light, to the surface.
 
+use crate::apart::add_rows;
 use crate::coefficients::Coefficients;
 use crate::edge::Edges;
 use crate::field::Field;
 use crate::kernel::{Extent, Kernel, Linear, Shown};
-use crate::relight::{LinearTile, TileLight, add_rows};
+use crate::relight::{LinearTile, TileLight};
 use crate::surface::Surface;
 use crate::tile::{TILE_PIXELS, TILE_PX, Tile};
 use crate::tone::ViewLight;

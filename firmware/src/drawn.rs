@@ -1,5 +1,6 @@
 //! What a tile showed when it was last drawn, how far that may be from the light of now, and how right it is.
 
+use crate::apart::{UnpackedRows, row_facts};
 use crate::bound::{CodeSlope, dark_share};
 use crate::coefficients::{Sides, TileReach, TileSize};
 use crate::field::Field;
@@ -22,6 +23,8 @@ pub struct ShownLight<'a> {
     pub coefficients: &'a Coefficients,
     /// The weights they came from: patches that these set apart are shown by their own rows.
     pub weights: &'a FixedWeights,
+    /// Those of them whose rows are unpacked already.
+    pub unpacked: &'a [UnpackedRows<'a>],
     /// The sun's weight; 0: no sun.
     pub sun_q16: [u32; 3],
 }
@@ -228,8 +231,8 @@ impl Off {
         let mut off = Off::of_factors(light.coefficients, (all, block_bound), &TileSize::of(&tile));
         let mut squares = [0.0f32; 3];
         for apart in light.weights.apart() {
-            let Some(rows) = field.way_back().get(index, &tile, usize::from(apart.patch)) else { continue };
-            let (error, rest, unit) = (rows.error() * SLACK, rows.rest() * SLACK, rows.unit() * SLACK);
+            let facts = row_facts((field, index), &tile, apart.patch, light.unpacked);
+            let (error, rest, unit) = (facts.error() * SLACK, facts.rest * SLACK, facts.unit * SLACK);
             for c in 0..3 {
                 let light = apart.light[c] * tile.row_top(c);
                 off.rows[c] += error * light;
@@ -327,7 +330,7 @@ impl DrawnTile {
             // The response is not negative, nor are rows: below 0 is only what the factors are off by.
             off.below = field.bounds().map_or([f32::INFINITY; 3], |_| error.sky[0].map(|sky| sky.down));
         }
-        off.add_sky(&[self.rows_change(field, index, &tile, light.weights).map(Sides::both); 2]);
+        off.add_sky(&[self.rows_change((field, index), &tile, light).map(Sides::both); 2]);
         off
     }
 
@@ -342,12 +345,11 @@ impl DrawnTile {
     }
 
     /// A bound on what the rows of patches apart change, per channel.
-    fn rows_change(&self, field: &Field<'_>, index: usize, tile: &Tile<'_>, new: &FixedWeights) -> [f32; 3] {
-        let old = &self.apart[..self.apart_count];
+    fn rows_change(&self, tile_of: (&Field<'_>, usize), tile: &Tile<'_>, light: &ShownLight<'_>) -> [f32; 3] {
+        let (old, new) = (&self.apart[..self.apart_count], light.weights);
         let mut sum = [0.0f32; 3];
         let mut add = |patch: u16, before: [f32; 3], after: [f32; 3]| {
-            let Some(rows) = field.way_back().get(index, tile, usize::from(patch)) else { return };
-            let largest = rows.largest() * SLACK;
+            let largest = row_facts(tile_of, tile, patch, light.unpacked).largest() * SLACK;
             (0..3).for_each(|c| sum[c] += (after[c] - before[c]).abs() * largest * tile.row_top(c));
         };
         for apart in new.apart() {

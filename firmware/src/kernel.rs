@@ -1,6 +1,8 @@
 //! The kernels: each path equals [`scalar`] bit for bit.
 
 mod job;
+#[allow(unsafe_code)]
+mod rows;
 pub mod scalar;
 #[allow(unsafe_code)]
 mod view;
@@ -22,6 +24,7 @@ mod neon;
 mod neon_dot;
 
 pub use job::{Extent, Linear, Projection, Reconstruction, Shown, UNIT_LIMIT};
+pub use rows::RowsLight;
 
 use crate::tile::TILE_PX;
 use crate::tone::ViewLight;
@@ -149,19 +152,45 @@ impl Kernel {
         }
     }
 
-    /// `plane[x] += code[x]^2 * unit`, each operation rounded by itself.
+    /// Codes of one patch in one tile, `[3][pixels]` R G B, out of its strips ([`crate::wayback`]); only the lowest 8 bits
+    /// of each.
     ///
     /// # Panics
-    /// If the lengths differ.
-    pub fn add_squares(self, codes: &[u16], unit: f32, plane: &mut [f32]) {
-        assert_eq!(codes.len(), plane.len());
+    /// If `codes` has no room for just that many, `pixels` is no multiple of 16, or the strips end early.
+    pub fn unpack_rows(self, strips: &[u8], pixels: usize, codes: &mut [u8]) {
+        assert!(pixels.is_multiple_of(16) && codes.len() == 3 * pixels);
         match self.0 {
-            // SAFETY: `Kernel` holds this path only where the processor has AVX2.
+            Path::Scalar => rows::unpack_scalar(strips, pixels, codes),
+            // SAFETY: `Kernel` holds these paths only where the processor has AVX2; the lengths were checked above.
             #[cfg(target_arch = "x86_64")]
             #[allow(unsafe_code)]
-            Path::Avx2 | Path::Avx512 => unsafe { avx2::add_squares(codes, unit, plane) },
-            // Every aarch64 has NEON: the compiler uses it for the plain loop.
-            _ => scalar::add_squares(codes, unit, plane),
+            Path::Avx2 | Path::Avx512 => unsafe { rows::unpack_avx2(strips, pixels, codes) },
+            // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
+            #[cfg(target_arch = "aarch64")]
+            #[allow(unsafe_code)]
+            Path::Neon | Path::NeonDot => unsafe { rows::unpack_neon(strips, pixels, codes) },
+        }
+    }
+
+    /// `plane[c][x] += (sum of code[c][x]^2 * unit[c] over the lights) * row[c][x]`, each operation rounded by itself, in the
+    /// order of the lights. `rows` are the row scales as [`Reconstruction`] has them.
+    ///
+    /// # Panics
+    /// If the slices' lengths contradict each other or are no multiple of 16.
+    pub fn add_rows(self, lights: &[RowsLight<'_>], rows: &[u8], planes: [&mut [f32]; 3]) {
+        let n = planes[0].len();
+        assert!(n.is_multiple_of(16) && planes.iter().all(|plane| plane.len() == n) && rows.len() == 6 * n);
+        assert!(lights.iter().all(|light| light.codes.len() == 3 * n));
+        match self.0 {
+            Path::Scalar => rows::add_scalar(lights, rows, planes),
+            // SAFETY: `Kernel` holds these paths only where the processor has AVX2; the lengths were checked above.
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            Path::Avx2 | Path::Avx512 => unsafe { rows::add_avx2(lights, rows, planes) },
+            // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
+            #[cfg(target_arch = "aarch64")]
+            #[allow(unsafe_code)]
+            Path::Neon | Path::NeonDot => unsafe { rows::add_neon(lights, rows, planes) },
         }
     }
 
@@ -186,14 +215,14 @@ impl Kernel {
         }
     }
 
-    /// Asks for bytes that will be read soon; changes nothing but the time it takes.
-    pub fn prefetch(self, bytes: &[u8]) {
+    /// Asks for values that will be read soon; changes nothing but the time it takes.
+    pub fn prefetch<T: Copy>(self, values: &[T]) {
         match self.0 {
             Path::Scalar => {}
             #[cfg(target_arch = "x86_64")]
-            Path::Avx2 | Path::Avx512 => avx2::prefetch(bytes),
+            Path::Avx2 | Path::Avx512 => avx2::prefetch(values),
             #[cfg(target_arch = "aarch64")]
-            Path::Neon | Path::NeonDot => neon::prefetch(bytes),
+            Path::Neon | Path::NeonDot => neon::prefetch(values),
         }
     }
 

@@ -3,6 +3,7 @@
 //! `no_std`, no allocation, no operating system. The host program and the C interface lend it bytes and buffers.
 #![cfg_attr(not(any(test, feature = "std")), no_std)]
 
+pub mod apart;
 pub mod bounce;
 pub mod bouncepoint;
 pub mod bound;

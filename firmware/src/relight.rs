@@ -1,12 +1,12 @@
 //! Relighting of one tile: coefficients -> linear pixels.
 
+use crate::apart::{UnpackedRows, add_rows};
 pub use crate::coefficients::Coefficients;
 use crate::coefficients::row_unit;
 use crate::field::Field;
 use crate::kernel::{Extent, Kernel, Linear, Reconstruction, UNIT_LIMIT};
 use crate::tile::{TILE_PIXELS, Tile};
-use crate::wayback::RowCodes;
-use crate::weights::{Apart, FixedWeights};
+use crate::weights::FixedWeights;
 
 /// Light beside the projected patches, the same for all tiles of a picture.
 #[derive(Clone, Copy, Debug)]
@@ -18,6 +18,23 @@ pub struct TileLight<'a> {
     pub weights: &'a FixedWeights,
     /// Those of them whose rows are unpacked already.
     pub unpacked: &'a [UnpackedRows<'a>],
+}
+
+impl TileLight<'_> {
+    /// Asks for what the pixels of this tile will read.
+    pub fn prefetch(&self, tile: &Tile<'_>, kernel: Kernel) {
+        kernel.prefetch(tile.u);
+        kernel.prefetch(tile.rows);
+        let slot = tile.plane_at..tile.plane_at + 3 * tile.padded_pixels();
+        if let Some((plane, _)) = self.sun {
+            kernel.prefetch(&plane[slot.clone()]);
+        }
+        for apart in self.weights.apart() {
+            if let Some(unpacked) = self.unpacked.iter().find(|unpacked| unpacked.patch == apart.patch) {
+                kernel.prefetch(&unpacked.codes[slot.clone()]);
+            }
+        }
+    }
 }
 
 /// Unit of the sun's response (1/32768) times its weight (1/65536).
@@ -57,12 +74,6 @@ impl Coefficients {
         kernel.relight(&self.job(tile, sun), Linear::Write(out.planes(tile.padded_pixels())), None)
     }
 
-    /// Asks for what the pixels of this tile will read.
-    pub fn prefetch_pixels(tile: &Tile<'_>, kernel: Kernel) {
-        kernel.prefetch(tile.u);
-        kernel.prefetch(tile.rows);
-    }
-
     /// Linear values of tile number `index` of `field` with all that belongs to its picture: factors, the sun, and the
     /// rows of patches that are set apart.
     pub fn pixels(
@@ -79,64 +90,6 @@ impl Coefficients {
         let linear = if has_rows { Linear::Add(planes) } else { Linear::Write(planes) };
         kernel.relight(&self.job(&tile, light.sun), linear, None)
     }
-}
-
-/// Unpacked rows of one patch in all tiles: they cost little while the patch stays apart from frame to frame.
-#[derive(Clone, Copy, Debug)]
-pub struct UnpackedRows<'a> {
-    /// Patch.
-    pub patch: u16,
-    /// Codes, laid out like the row scales.
-    pub codes: &'a [u16],
-}
-
-impl UnpackedRows<'_> {
-    /// Unpacks the rows of `patch` in tile number `index` into its slot of `codes`, `[3][padded pixels]`.
-    pub fn unpack(field: &Field<'_>, index: usize, patch: u16, slot: &mut [u16]) {
-        let tile = field.response().tile(index);
-        let n = tile.padded_pixels();
-        if let Some(rows) = field.way_back().get(index, &tile, usize::from(patch)) {
-            let mut codes = RowCodes::default();
-            rows.decode(&mut codes);
-            slot.chunks_exact_mut(n.max(1)).zip(&codes.0).for_each(|(to, from)| to.copy_from_slice(&from[..n]));
-        }
-    }
-}
-
-/// Writes the light of the patches that are set apart, by their own rows; `false` if there are none here.
-pub fn add_rows(field: &Field<'_>, index: usize, light: &TileLight<'_>, kernel: Kernel, out: &mut LinearTile) -> bool {
-    let (mut apart, way_back) = (light.weights.apart().peekable(), field.way_back());
-    if apart.peek().is_none() {
-        return false;
-    }
-    let tile = field.response().tile(index);
-    let n = tile.padded_pixels();
-    let mut own = RowCodes::default();
-    let mut any = false;
-    for Apart { patch, light: weight } in apart {
-        let Some(rows) = way_back.get(index, &tile, usize::from(patch)) else { continue };
-        if !any {
-            out.planes(n).into_iter().for_each(|plane| plane.fill(0.0));
-            any = true;
-        }
-        let unpacked = light.unpacked.iter().find(|unpacked| unpacked.patch == patch);
-        let slot = unpacked.map(|unpacked| &unpacked.codes[tile.plane_at..tile.plane_at + 3 * n]);
-        if slot.is_none() {
-            rows.decode(&mut own);
-        }
-        for (c, plane) in out.planes(n).into_iter().enumerate() {
-            let unit = (rows.unit() * weight[c] * row_unit(&tile, c)).min(UNIT_LIMIT);
-            let codes = slot.map_or(&own.0[c][..n], |slot| &slot[c * n..(c + 1) * n]);
-            kernel.add_squares(codes, unit, plane);
-        }
-    }
-    if any {
-        for (plane, rows) in out.planes(n).into_iter().zip(tile.rows.chunks_exact(2 * n)) {
-            let rows = rows.as_chunks::<2>().0;
-            plane.iter_mut().zip(rows).for_each(|(sum, row)| *sum *= f32::from(u16::from_le_bytes(*row)));
-        }
-    }
-    any
 }
 
 /// Linear values of one tile, `[channel][covered pixel]`, 1 = display white, premultiplied by coverage.

@@ -25,6 +25,7 @@
 
 use crate::field::FieldError;
 use crate::header::{u16_at, u32_at};
+use crate::kernel::Kernel;
 use crate::minifloat::Minifloat;
 use crate::tile::{PLACE_UNIT, TILE_PIXELS, Tile, TileSet};
 
@@ -41,6 +42,8 @@ pub const NO_WAY: u32 = u32::MAX;
 
 /// The codes of what is beyond half a step of the root, in units.
 pub const REST: Minifloat = Minifloat::from(-1);
+/// Bytes of a tile's strips that are asked for ahead: most take no more.
+const PREFETCHED: usize = 384;
 /// More than single precision loses of a sum over all patches.
 const SUM_LOSS: f32 = 2e-5;
 
@@ -65,6 +68,36 @@ pub struct PatchRows<'a> {
     /// From the first strip on.
     strips: &'a [u8],
     pixels: usize,
+}
+
+/// What is known of all codes of one patch in one tile.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RowFacts {
+    /// What `code^2 * row scale code * 2^re` is multiplied by.
+    pub unit: f32,
+    /// Largest code of any pixel and channel.
+    pub top: u16,
+    /// What is beyond half a step of the root, in response per row scale (times 65535 * 2^re: response).
+    pub rest: f32,
+}
+
+impl RowFacts {
+    /// Do the codes fit bytes?
+    pub fn fit_bytes(&self) -> bool {
+        self.top <= u16::from(u8::MAX)
+    }
+
+    /// Largest response that the codes stand for, over row scale.
+    pub fn largest(&self) -> f32 {
+        let top = f32::from(self.top);
+        self.unit * top * top
+    }
+
+    /// Largest error of any pixel in all, as `rest` counts it.
+    pub fn error(&self) -> f32 {
+        let top = f32::from(self.top);
+        self.unit * (top + 0.25 + top * top * SUM_LOSS) + self.rest
+    }
 }
 
 /// Codes of one patch in one tile, `[red, green, blue][padded pixel]`.
@@ -107,10 +140,30 @@ impl<'a> WayBack<'a> {
 
     /// The rows of `patch` in tile number `index`, if the file has them.
     pub fn get(&self, index: usize, tile: &Tile<'_>, patch: usize) -> Option<PatchRows<'a>> {
+        let (entry, strips) = self.entry(index, patch)?;
+        // That the strips fit was checked; whoever asks for no more than the entry must not wait for their headers.
+        Some(PatchRows { entry, strips: strips(entry)?, pixels: tile.padded_pixels() })
+    }
+
+    /// A patch's entry, and what finds its strips.
+    fn entry(&self, index: usize, patch: usize) -> Option<(&'a [u8], impl Fn(&[u8]) -> Option<&'a [u8]>)> {
         let block = &self.blocks[self.block(index).filter(|_| patch < self.patches)?..];
         let entry = &block[patch * WAY_ENTRY..][..WAY_ENTRY];
-        // That the strips fit was checked; whoever asks for no more than the entry must not wait for their headers.
-        Some(PatchRows { entry, strips: block.get(u32_at(entry, 0) as usize..)?, pixels: tile.padded_pixels() })
+        Some((entry, |entry: &[u8]| block.get(u32_at(entry, 0) as usize..)))
+    }
+
+    /// Asks for a patch's entry.
+    pub fn prefetch_entry(&self, index: usize, patch: usize, kernel: Kernel) {
+        if let Some((entry, _)) = self.entry(index, patch) {
+            kernel.prefetch(entry);
+        }
+    }
+
+    /// Asks for what unpacking a patch's rows will read first; its entry should be there already.
+    pub fn prefetch_rows(&self, index: usize, patch: usize, kernel: Kernel) {
+        if let Some(strips) = self.entry(index, patch).and_then(|(entry, strips)| strips(entry)) {
+            kernel.prefetch(&strips[..strips.len().min(PREFETCHED)]);
+        }
     }
 
     /// Bytes of all rows.
@@ -129,6 +182,45 @@ fn planes_of(strip: &[u8]) -> [usize; 3] {
     [strip[0] & 15, strip[0] >> 4, strip[1] & 15].map(usize::from)
 }
 
+/// 64 padded pixels of one patch's rows, or what is left of them.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Strip<'a> {
+    /// Number of its first pixel.
+    pub(crate) first: usize,
+    /// Pixels, a multiple of 16.
+    pub(crate) pixels: usize,
+    /// Power of two of the bases.
+    pub(crate) shift: u8,
+    /// Of green, red - green and blue - green.
+    pub(crate) base: [i16; 3],
+    /// Bit planes of the same.
+    pub(crate) planes: [&'a [u8]; 3],
+}
+
+impl Strip<'_> {
+    /// Bytes of a bit plane.
+    pub(crate) fn plane_bytes(&self) -> usize {
+        self.pixels / 8
+    }
+}
+
+/// The strips of a tile of so many pixels, which begin at `bytes`.
+#[inline]
+pub(crate) fn strips(mut bytes: &[u8], pixels: usize) -> impl Iterator<Item = Strip<'_>> {
+    let mut first = 0;
+    strip_pixels(pixels).map(move |pixels| {
+        let (header, rest) = bytes.split_at(STRIP_HEADER);
+        let [green, red, blue] = planes_of(header).map(|planes| planes * (pixels / 8));
+        let (green, rest) = rest.split_at(green);
+        let (red, rest) = rest.split_at(red);
+        let (blue, rest) = rest.split_at(blue);
+        let base = [i16::from(header[2]), i16::from(header[3] as i8), i16::from(header[4] as i8)];
+        let strip = Strip { first, pixels, shift: header[1] >> 4, base, planes: [green, red, blue] };
+        (first, bytes) = (first + pixels, rest);
+        strip
+    })
+}
+
 /// Where the strips that begin at `from` end; `None` where the block has no room for them.
 fn strips_end(block: &[u8], from: usize, pixels: usize) -> Option<usize> {
     strip_pixels(pixels).try_fold(from, |at, pixels| {
@@ -144,48 +236,34 @@ impl PatchRows<'_> {
         self.entry.len() + strips_end(self.strips, 0, self.pixels).unwrap_or(0)
     }
 
-    /// What `code^2 * row scale code * 2^re` is multiplied by.
-    pub fn unit(&self) -> f32 {
-        way_unit(self.entry[4])
+    /// What is known of all its codes.
+    pub fn facts(&self) -> RowFacts {
+        let unit = way_unit(self.entry[4]);
+        RowFacts { unit, top: u16_at(self.entry, 6), rest: REST.value(self.entry[5]) * unit }
     }
 
-    /// Largest response that the codes stand for, over row scale.
-    pub fn largest(&self) -> f32 {
-        let top = f32::from(u16_at(self.entry, 6));
-        self.unit() * top * top
-    }
-
-    /// What is beyond half a step of the root, in response per row scale (times 65535 * 2^re: response).
-    pub fn rest(&self) -> f32 {
-        REST.value(self.entry[5]) * self.unit()
-    }
-
-    /// Largest error of any pixel in all, as [`PatchRows::rest`] counts it.
-    pub fn error(&self) -> f32 {
-        let top = f32::from(u16_at(self.entry, 6));
-        self.unit() * (top + 0.25 + top * top * SUM_LOSS) + self.rest()
+    /// Unpacks the codes of all padded pixels to bytes, `[3][pixels]` R G B, where [`RowFacts::fit_bytes`].
+    ///
+    /// # Panics
+    /// If `codes` has room for more or less.
+    pub fn decode_bytes(&self, kernel: Kernel, codes: &mut [u8]) {
+        kernel.unpack_rows(self.strips, self.pixels, codes);
     }
 
     /// Unpacks the codes of all padded pixels.
     pub fn decode(&self, out: &mut RowCodes) {
         let [red, green, blue] = &mut out.0;
-        let (mut at, mut first) = (0, 0);
-        for pixels in strip_pixels(self.pixels) {
-            let strip = &self.strips[at..];
-            let (place, plane_bytes, shift) = (first..first + pixels, pixels / 8, strip[1] >> 4);
-            let [green_bits, red_bits, blue_bits] = planes_of(strip).map(|bits| bits * plane_bytes);
-            let (green_planes, rest) = strip[STRIP_HEADER..].split_at(green_bits);
-            let (red_planes, rest) = rest.split_at(red_bits);
+        for strip in strips(self.strips, self.pixels) {
+            let (place, base) =
+                (strip.first..strip.first + strip.pixels, strip.base.map(|base| (base << strip.shift) as u16));
             let green = &mut green[place.clone()];
-            green.fill(u16::from(strip[2]) << shift);
-            add_planes(green_planes, plane_bytes, green);
-            for (of, base, planes) in [(&mut *red, strip[3], red_planes), (&mut *blue, strip[4], &rest[..blue_bits])] {
-                let (of, base) = (&mut of[place.clone()], (i16::from(base as i8) << shift) as u16);
-                of.iter_mut().zip(green.iter()).for_each(|(code, green)| *code = green.wrapping_add(base));
-                add_planes(planes, plane_bytes, of);
+            green.fill(base[0]);
+            add_planes(strip.planes[0], strip.plane_bytes(), green);
+            for (of, c) in [(&mut *red, 1), (&mut *blue, 2)] {
+                let of = &mut of[place.clone()];
+                of.iter_mut().zip(green.iter()).for_each(|(code, green)| *code = green.wrapping_add(base[c]));
+                add_planes(strip.planes[c], strip.plane_bytes(), of);
             }
-            at += STRIP_HEADER + green_bits + red_bits + blue_bits;
-            first = place.end;
         }
     }
 }

@@ -208,7 +208,7 @@ impl<'f> Relighter<'f> {
         self.exposure = exposure;
         self.new_weights = true;
         self.moment += 1;
-        self.levels.unpack(&self.field);
+        self.levels.unpack(&self.field, self.kernel);
         self.lower_levels();
         self.follow_sun();
         self.project(true);

@@ -102,7 +102,7 @@ impl<'a> Examiner<'a> {
         used.copy_from(&all);
         used.limit_rank(self.max_rank);
         let block = self.field.bounds().expect("bounds").block(response.block_of(index), &self.bound_light);
-        let shown = ShownLight { coefficients: &used, weights: &self.weights, sun_q16: [0; 3] };
+        let shown = ShownLight { coefficients: &used, weights: &self.weights, unpacked: &[], sun_q16: [0; 3] };
         let off = Off::of((&self.field, index), &shown, (&all, &block));
         let light = TileLight { sun: None, weights: &self.weights, unpacked: &[] };
         let extent = used.pixels(&self.field, index, &light, self.kernel, &mut self.linear);

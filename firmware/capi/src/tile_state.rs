@@ -26,7 +26,12 @@ pub struct FrameLight<'a> {
 
 impl<'a> FrameLight<'a> {
     fn on(&self, projected: &'a Projected) -> ShownLight<'a> {
-        ShownLight { coefficients: &projected.coefficients, weights: self.weights, sun_q16: self.sun_q16 }
+        ShownLight {
+            coefficients: &projected.coefficients,
+            weights: self.weights,
+            unpacked: &[],
+            sun_q16: self.sun_q16,
+        }
     }
 }
 

@@ -254,19 +254,10 @@ fn table(bytes: &[u8; 16]) -> __m256i {
     _mm256_broadcastsi128_si256(unsafe { _mm_loadu_si128(bytes.as_ptr().cast()) })
 }
 
-/// The scalar loop, compiled for wider registers: no lane depends on another, so the bits are the same.
-///
-/// # Safety
-/// AVX2.
-#[target_feature(enable = "avx2")]
-pub unsafe fn add_squares(codes: &[u16], unit: f32, plane: &mut [f32]) {
-    super::scalar::add_squares(codes, unit, plane);
-}
-
 /// See [`super::Kernel::prefetch`].
-pub fn prefetch(bytes: &[u8]) {
-    for line in bytes.chunks(64) {
+pub fn prefetch<T: Copy>(values: &[T]) {
+    for byte in (0..size_of_val(values)).step_by(64) {
         // SAFETY: a prefetch reads nothing that the program can see, and the address lies in the slice.
-        unsafe { _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast()) };
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().cast::<i8>().add(byte)) };
     }
 }

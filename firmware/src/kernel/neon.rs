@@ -272,11 +272,12 @@ fn codes(logs: [uint16x8_t; 2]) -> uint8x16_t {
 }
 
 /// See [`super::Kernel::prefetch`].
-pub fn prefetch(bytes: &[u8]) {
-    for line in bytes.chunks(64) {
+pub fn prefetch<T: Copy>(values: &[T]) {
+    for byte in (0..size_of_val(values)).step_by(64) {
         // SAFETY: a prefetch reads nothing that the program can see, and the address lies in the slice.
         unsafe {
-            core::arch::asm!("prfm pldl1keep, [{0}]", in(reg) line.as_ptr(), options(nostack, readonly, preserves_flags));
+            let line = values.as_ptr().cast::<u8>().add(byte);
+            core::arch::asm!("prfm pldl1keep, [{0}]", in(reg) line, options(nostack, readonly, preserves_flags));
         }
     }
 }

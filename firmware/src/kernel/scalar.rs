@@ -72,12 +72,3 @@ pub fn tone(linear: [&[f32]; 3], out_xrgb: &mut [u32]) {
         *out = xrgb(linear.map(|plane| tone::code(plane[x])));
     }
 }
-
-/// See [`super::Kernel::add_squares`].
-#[inline(always)]
-pub fn add_squares(codes: &[u16], unit: f32, plane: &mut [f32]) {
-    for (sum, &code) in plane.iter_mut().zip(codes) {
-        let code = f32::from(code);
-        *sum += code * code * unit;
-    }
-}

@@ -3,11 +3,12 @@
 use super::blocks::Block;
 use super::levels::Levels;
 use super::tiles::TileState;
+use relume_firmware::apart::UnpackedRows;
 use relume_firmware::bound::CodeSlope;
 use relume_firmware::composite::{Compositor, Target};
 use relume_firmware::drawn::{Dimmest, ShownLight};
 use relume_firmware::field::Field;
-use relume_firmware::relight::{Coefficients, LinearTile, TileLight, UnpackedRows};
+use relume_firmware::relight::{Coefficients, LinearTile, TileLight};
 use relume_firmware::surface::Surface;
 use relume_firmware::tile::{BLOCK_TILES, TILE_PX};
 
@@ -119,7 +120,8 @@ impl Drawing<'_> {
     /// The light of a block, with no more ranks than the frame allows.
     fn light<'l>(&'l self, block: &'l Block, limited: Option<&'l Coefficients>) -> ShownLight<'l> {
         let coefficients = limited.unwrap_or(&block.coefficients);
-        ShownLight { coefficients, weights: &self.levels.get(block.level).weights, sun_q16: self.sun_q16() }
+        let weights = &self.levels.get(block.level).weights;
+        ShownLight { coefficients, weights, unpacked: self.unpacked, sun_q16: self.sun_q16() }
     }
 
     /// What becomes of a tile that was judged.
@@ -142,10 +144,10 @@ impl Drawing<'_> {
         target: Target<'_, '_>,
     ) {
         let (response, kernel) = (self.field.response(), self.compositor.kernel);
-        if index + 1 < response.tiles() {
-            Coefficients::prefetch_pixels(&response.tile(index + 1), kernel);
-        }
         let light = TileLight { sun: self.sun, weights: shown.weights, unpacked: self.unpacked };
+        if index + 1 < response.tiles() {
+            light.prefetch(&response.tile(index + 1), kernel);
+        }
         let with = (shown.coefficients, &light);
         let extent = self.compositor.tile((self.field, index), with, linear, state.edges_mut(), target);
         if state.empty || self.levels.bounds_on() {

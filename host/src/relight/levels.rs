@@ -1,11 +1,13 @@
 //! The weights of one moment on all levels of the way back.
 
 use crate::weights::PatchWeights;
+use relume_firmware::apart::UnpackedRows;
 use relume_firmware::bound::{BoundLight, Bounds};
 use relume_firmware::field::Field;
+use relume_firmware::kernel::Kernel;
 use relume_firmware::levels::{LEVELS, apart};
 use relume_firmware::patches::MAX_PATCHES;
-use relume_firmware::relight::UnpackedRows;
+use relume_firmware::wayback::RowFacts;
 use relume_firmware::weights::{FixedWeights, MAX_STANDOUTS, WeightError, WeightStep};
 
 /// The weights of one moment on one level.
@@ -31,7 +33,29 @@ pub(super) struct Levels {
 /// Unpacked rows of a patch that outshines the sky.
 struct Unpacked {
     patch: Option<u16>,
-    codes: Vec<u16>,
+    codes: Vec<u8>,
+    facts: Vec<RowFacts>,
+}
+
+impl Unpacked {
+    fn fill(&mut self, field: &Field<'_>, patch: u16, kernel: Kernel) {
+        let (response, way_back) = (field.response(), field.way_back());
+        let tiles = response.tiles();
+        self.codes.resize(response.plane_len(), 0);
+        self.facts.resize(tiles, RowFacts::default());
+        for index in 0..tiles {
+            // The rows of one patch are small and far from each other: memory is asked for a few tiles ahead.
+            if index + 4 < tiles {
+                way_back.prefetch_entry(index + 4, patch.into(), kernel);
+            }
+            if index + 2 < tiles {
+                way_back.prefetch_rows(index + 2, patch.into(), kernel);
+            }
+            let tile = response.tile(index);
+            let place = tile.plane_at..tile.plane_at + 3 * tile.padded_pixels();
+            self.facts[index] = UnpackedRows::unpack(field, index, patch, kernel, &mut self.codes[place]);
+        }
+    }
 }
 
 impl Levels {
@@ -45,12 +69,14 @@ impl Levels {
             stepped: false,
             has_way_back: field.way_back().bytes() > 0,
             bounds_on: true,
-            unpacked: (0..MAX_STANDOUTS).map(|_| Unpacked { patch: None, codes: Vec::new() }).collect(),
+            unpacked: (0..MAX_STANDOUTS)
+                .map(|_| Unpacked { patch: None, codes: Vec::new(), facts: Vec::new() })
+                .collect(),
         }
     }
 
     /// Unpacks the rows of the patches that outshine the sky now, where they did not before.
-    pub(super) fn unpack(&mut self, field: &Field<'_>) {
+    pub(super) fn unpack(&mut self, field: &Field<'_>, kernel: Kernel) {
         let weights = &self.levels[0].weights;
         let is_apart =
             |patch: Option<u16>| patch.is_some_and(|patch| weights.apart().any(|apart| apart.patch == patch));
@@ -59,23 +85,17 @@ impl Levels {
                 continue;
             }
             let Some(slot) = self.unpacked.iter_mut().find(|known| !is_apart(known.patch)) else { return };
-            let response = field.response();
-            slot.codes.resize(response.plane_len(), 0);
             slot.patch = Some(new.patch);
-            for index in 0..response.tiles() {
-                let tile = response.tile(index);
-                let place = tile.plane_at..tile.plane_at + 3 * tile.padded_pixels();
-                UnpackedRows::unpack(field, index, new.patch, &mut slot.codes[place]);
-            }
+            slot.fill(field, new.patch, kernel);
         }
     }
 
     /// What [`Levels::unpack`] unpacked.
     pub(super) fn unpacked(&self) -> ([UnpackedRows<'_>; MAX_STANDOUTS], usize) {
-        let mut rows = [UnpackedRows { patch: 0, codes: &[] }; MAX_STANDOUTS];
+        let mut rows = [UnpackedRows { patch: 0, codes: &[], facts: &[] }; MAX_STANDOUTS];
         let mut count = 0;
-        for (patch, codes) in self.unpacked.iter().filter_map(|known| Some((known.patch?, &known.codes))) {
-            rows[count] = UnpackedRows { patch, codes };
+        for (patch, known) in self.unpacked.iter().filter_map(|known| Some((known.patch?, known))) {
+            rows[count] = UnpackedRows { patch, codes: &known.codes, facts: &known.facts };
             count += 1;
         }
         (rows, count)

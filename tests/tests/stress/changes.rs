@@ -36,7 +36,7 @@ impl Moment {
 
     fn shown(&self) -> ShownLight<'_> {
         let sun_q16 = self.weights.sun_q16();
-        ShownLight { coefficients: &self.coefficients, weights: &self.weights, sun_q16 }
+        ShownLight { coefficients: &self.coefficients, weights: &self.weights, unpacked: &[], sun_q16 }
     }
 
     fn draw(&self, field: &Field<'_>, index: usize, linear: &mut LinearTile) -> Dimmest {
