@@ -126,7 +126,7 @@ impl Difference {
         let (tile, kernel) = (field.response().tile(index), Kernel::detect());
         let (mut linear, mut coefficients, mut shown) = (LinearTile::new(), Coefficients::ZERO, [0u32; TILE_PIXELS]);
         coefficients.project(&tile, light.weights, kernel, usize::MAX);
-        coefficients.pixels(field, index, light, kernel, &mut linear);
+        coefficients.pixels(field, &tile, light, kernel, &mut linear);
         let n = tile.padded_pixels();
         kernel.tone(linear.planes(n).map(|plane| &*plane), &mut shown[..n]);
         let mut all = Difference::default();

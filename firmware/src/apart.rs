@@ -23,10 +23,9 @@ pub struct UnpackedRows<'a> {
 }
 
 impl UnpackedRows<'_> {
-    /// Unpacks the rows of `patch` in tile number `index` into its slot of `codes`, `[3][padded pixels]`.
-    pub fn unpack(field: &Field<'_>, index: usize, patch: u16, kernel: Kernel, slot: &mut [u8]) -> RowFacts {
-        let tile = field.response().tile(index);
-        let Some(rows) = field.way_back().get(index, &tile, usize::from(patch)) else { return RowFacts::default() };
+    /// Unpacks the rows of `patch` in a tile into its slot of `codes`, `[3][padded pixels]`.
+    pub fn unpack(field: &Field<'_>, tile: &Tile<'_>, patch: u16, kernel: Kernel, slot: &mut [u8]) -> RowFacts {
+        let Some(rows) = field.way_back().get(tile, usize::from(patch)) else { return RowFacts::default() };
         let facts = rows.facts();
         if facts.fit_bytes() && facts.top > 0 {
             rows.decode_bytes(kernel, slot);
@@ -35,52 +34,52 @@ impl UnpackedRows<'_> {
     }
 }
 
-/// What is known of a patch's rows in tile number `index`, from `unpacked` if they are there; all 0 without rows.
-pub fn row_facts(
-    (field, index): (&Field<'_>, usize),
-    tile: &Tile<'_>,
-    patch: u16,
-    unpacked: &[UnpackedRows<'_>],
-) -> RowFacts {
+/// What is known of a patch's rows in a tile, from `unpacked` if they are there; all 0 without rows.
+pub fn row_facts(field: &Field<'_>, tile: &Tile<'_>, patch: u16, unpacked: &[UnpackedRows<'_>]) -> RowFacts {
     match unpacked.iter().find(|unpacked| unpacked.patch == patch) {
-        Some(unpacked) => unpacked.facts[index],
-        None => field.way_back().get(index, tile, patch.into()).map_or(RowFacts::default(), |rows| rows.facts()),
+        Some(unpacked) => unpacked.facts[tile.index],
+        None => field.way_back().get(tile, patch.into()).map_or(RowFacts::default(), |rows| rows.facts()),
     }
 }
 
 /// Writes the light of the patches that are set apart, by their own rows; `false` if there is none here.
-pub fn add_rows(field: &Field<'_>, index: usize, light: &TileLight<'_>, kernel: Kernel, out: &mut LinearTile) -> bool {
+pub fn add_rows(
+    field: &Field<'_>,
+    tile: &Tile<'_>,
+    light: &TileLight<'_>,
+    kernel: Kernel,
+    out: &mut LinearTile,
+) -> bool {
     let is_unpacked = |apart: Apart| light.unpacked.iter().any(|unpacked| unpacked.patch == apart.patch);
     if light.weights.apart().all(is_unpacked) {
-        return light.weights.apart().next().is_some() && add_with((field, index), light, kernel, &mut [], out);
+        return light.weights.apart().next().is_some() && add_with((field, tile), light, kernel, &mut [], out);
     }
     let mut room = [[0; 3 * TILE_PIXELS]; AT_ONCE];
-    add_with((field, index), light, kernel, &mut room, out)
+    add_with((field, tile), light, kernel, &mut room, out)
 }
 
 /// The same with room to unpack [`AT_ONCE`] patches, or none where all are unpacked.
 fn add_with(
-    (field, index): (&Field<'_>, usize),
+    (field, tile): (&Field<'_>, &Tile<'_>),
     light: &TileLight<'_>,
     kernel: Kernel,
     room: &mut [[u8; 3 * TILE_PIXELS]],
     out: &mut LinearTile,
 ) -> bool {
-    let tile = field.response().tile(index);
     let n = tile.padded_pixels();
     let (mut any, mut shining) = (false, Shining::default());
     for Apart { patch, light: weight } in light.weights.apart() {
         let unpacked = light.unpacked.iter().find(|unpacked| unpacked.patch == patch);
-        let packed = || field.way_back().get(index, &tile, patch.into());
-        let facts = unpacked.map(|unpacked| unpacked.facts[index]).or_else(|| Some(packed()?.facts()));
+        let packed = || field.way_back().get(tile, patch.into());
+        let facts = unpacked.map(|unpacked| unpacked.facts[tile.index]).or_else(|| Some(packed()?.facts()));
         let Some(facts) = facts.filter(|facts| facts.top > 0) else { continue };
         if !any {
             out.planes(n).into_iter().for_each(|plane| plane.fill(0.0));
             any = true;
         }
-        let unit = core::array::from_fn(|c| (facts.unit * weight[c] * row_unit(&tile, c)).min(UNIT_LIMIT));
+        let unit = core::array::from_fn(|c| (facts.unit * weight[c] * row_unit(tile, c)).min(UNIT_LIMIT));
         if !facts.fit_bytes() {
-            packed().into_iter().for_each(|rows| add_wide(&rows, &unit, &tile, out));
+            packed().into_iter().for_each(|rows| add_wide(&rows, &unit, tile, out));
             continue;
         }
         let slot = unpacked.map(|unpacked| &unpacked.codes[tile.plane_at..tile.plane_at + 3 * n]);
@@ -89,10 +88,10 @@ fn add_with(
         }
         shining.push(slot, unit);
         if shining.count == AT_ONCE {
-            shining.add(kernel, room, &tile, out);
+            shining.add(kernel, room, tile, out);
         }
     }
-    shining.add(kernel, room, &tile, out);
+    shining.add(kernel, room, tile, out);
     any
 }
 

@@ -15,6 +15,7 @@
 
 use crate::field::FieldError;
 use crate::header::{f32_at, u32_at, vec3_at};
+use crate::kernel::{Kernel, Loops};
 use crate::minifloat::Minifloat;
 use crate::patches::MAX_PATCHES;
 use crate::tile::{LANE_PAD, padded};
@@ -89,52 +90,83 @@ impl<'a> Bounds<'a> {
     }
 
     /// Splits the weights over the modes and groups.
-    pub fn light(&self, weights: &FixedWeights, out: &mut BoundLight) {
+    pub fn light(&self, weights: &FixedWeights, kernel: Kernel, out: &mut BoundLight) {
+        kernel.widely(Split { bounds: self, weights, out });
+    }
+
+    /// Bounds `[plain, weighted][channel]` on radiance times exposure, of compression and of the weights' rounding.
+    pub fn block(&self, block: usize, light: &BoundLight, kernel: Kernel) -> [[f32; 3]; 2] {
+        let record = self.record(block);
+        let sums = kernel.widely(Sums { codes: &record[RECORD_HEADER..], stride: padded(self.dims), light });
+        core::array::from_fn(|kind| {
+            let reach = vec3_at(record, 24 + 12 * kind);
+            core::array::from_fn(|c| {
+                let (half, scale) = (light.half_count[c], f32_at(record, 12 * kind + 4 * c));
+                libm::sqrtf(sums[kind][c] * scale) * SLACK * (2.0 * half) + half * reach[c]
+            })
+        })
+    }
+}
+
+/// [`Bounds::light`].
+struct Split<'a> {
+    bounds: &'a Bounds<'a>,
+    weights: &'a FixedWeights,
+    out: &'a mut BoundLight,
+}
+
+impl Loops for Split<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Split { bounds: Bounds { basis, modes, patches, .. }, weights, out } = self;
         for c in 0..3 {
-            let unit = libm::scalbnf(1.0, weights.exponent()[c]);
             let mut rest = [0.0f32; padded(MAX_PATCHES)];
-            let rest = &mut rest[..self.patches];
+            let rest = &mut rest[..*patches];
             rest.iter_mut().zip(weights.value_q(c)).for_each(|(r, &q)| *r = f32::from(q));
             let squares = &mut out.squares[c];
             squares.fill(0.0);
             // Each mode takes its part of what the ones before left: the same as all at once for orthonormal modes.
-            for (k, square) in squares.iter_mut().enumerate().take(self.modes) {
-                let mode = self.basis[BASIS_HEADER + 4 * k * self.patches..][..4 * self.patches].as_chunks::<4>().0;
+            for (k, square) in squares.iter_mut().enumerate().take(*modes) {
+                let mode = basis[BASIS_HEADER + 4 * k * patches..][..4 * patches].as_chunks::<4>().0;
                 let part = dot(mode, rest);
                 rest.iter_mut().zip(mode).for_each(|(r, z)| *r -= part * f32::from_le_bytes(*z));
                 *square = part * part;
             }
-            for (square, group) in squares[self.modes..].iter_mut().zip(rest.chunks(GROUP)) {
+            for (square, group) in squares[*modes..].iter_mut().zip(rest.chunks(GROUP)) {
                 *square = group.iter().map(|r| r * r).sum();
             }
-            out.half_count[c] = 0.5 * unit;
+            out.half_count[c] = 0.5 * libm::scalbnf(1.0, weights.exponent()[c]);
         }
     }
+}
 
-    /// Bounds `[plain, weighted][channel]` on radiance times exposure, of compression and of the weights' rounding.
-    pub fn block(&self, block: usize, light: &BoundLight) -> [[f32; 3]; 2] {
-        let record = self.record(block);
-        let stride = padded(self.dims);
-        let mut out = [[0.0; 3]; 2];
-        for (kind, out) in out.iter_mut().enumerate() {
-            for (c, out) in out.iter_mut().enumerate() {
-                let codes = &record[RECORD_HEADER + (3 * kind + c) * stride..][..stride];
-                let sum = weighted_sum(codes, &light.squares[c]);
-                let squared = sum * f32_at(record, 12 * kind + 4 * c);
-                *out = libm::sqrtf(squared) * SLACK * (2.0 * light.half_count[c]);
-            }
+/// `[plain, weighted][channel]` of a block: the squares of the light, weighted by its codes.
+struct Sums<'a> {
+    codes: &'a [u8],
+    stride: usize,
+    light: &'a BoundLight,
+}
+
+impl Loops for Sums<'_> {
+    type Out = [[f32; 3]; 2];
+
+    #[inline(always)]
+    fn run(self) -> [[f32; 3]; 2] {
+        let mut sums = [[0.0; 3]; 2];
+        let rows = self.codes.chunks_exact(self.stride.max(LANE_PAD));
+        for (place, (sum, codes)) in sums.iter_mut().flatten().zip(rows).enumerate() {
+            *sum = weighted_sum(codes, &self.light.squares[place % 3]);
         }
-        for (kind, out) in out.iter_mut().enumerate() {
-            let reach = vec3_at(record, 24 + 12 * kind);
-            out.iter_mut().zip(reach.iter().zip(light.half_count)).for_each(|(b, (reach, half))| *b += half * reach);
-        }
-        out
+        sums
     }
 }
 
 /// What single precision may lose on the way.
 const SLACK: f32 = 1.0001;
 
+#[inline(always)]
 fn dot(mode: &[[u8; 4]], rest: &[f32]) -> f32 {
     let mut lanes = [0.0f32; 8];
     for (mode, rest) in mode.chunks(8).zip(rest.chunks(8)) {
@@ -143,6 +175,7 @@ fn dot(mode: &[[u8; 4]], rest: &[f32]) -> f32 {
     lanes.iter().sum()
 }
 
+#[inline(always)]
 fn weighted_sum(codes: &[u8], squares: &[f32]) -> f32 {
     let mut lanes = [0.0f32; LANE_PAD];
     for (codes, squares) in codes.as_chunks::<LANE_PAD>().0.iter().zip(squares.as_chunks::<LANE_PAD>().0) {

@@ -36,7 +36,7 @@ impl Coefficients {
         self.rank = sums[0].len() as u8;
         for (c, sums) in sums.into_iter().enumerate() {
             let exponent = exponent[c] + i32::from(tile.record.v_exponent[c]);
-            self.set_channel(c, sums, |k| tile.v_scale(c, k), exponent);
+            self.set_channel(c, sums, tile.v_scales(c), exponent);
         }
     }
 
@@ -55,19 +55,22 @@ impl Coefficients {
     }
 
     /// Brings `sums[k] * scale(k)` to 16 bits by a power of two of the block and channel, and derives the unit.
-    fn set_channel(&mut self, c: usize, sums: &[i32], scale: impl Fn(usize) -> u16, exponent: i32) {
-        let full = |k: usize, sum: i32| i64::from(sum) * i64::from(scale(k));
-        let largest = sums.iter().enumerate().fold(0, |all, (k, &sum)| all | full(k, sum).unsigned_abs());
+    fn set_channel(&mut self, c: usize, sums: &[i32], scales: impl Iterator<Item = u16>, exponent: i32) {
+        let mut full = [0i64; MAX_RANK];
+        let full = &mut full[..sums.len()];
+        for ((full, &sum), scale) in full.iter_mut().zip(sums).zip(scales) {
+            *full = i64::from(sum) * i64::from(scale);
+        }
+        let largest = full.iter().fold(0, |all, full| all | full.unsigned_abs());
         let fit = (64 - largest.leading_zeros() as i32 - 15).max(0);
         // What would round up to 32768 takes a doubling more, and so does a unit that would be too small.
         let fit = fit + i32::from(rounding_shift(largest as i64, fit as u32) > 32767);
         let fit = fit.max((SMALLEST_UNIT - exponent).min(62));
         // product * 2^(fit + exponent) is radiance times exposure; a unit that is out of range is as good as its limit.
         self.unit[c] = libm::scalbnf(1.0, (fit + exponent).max(SMALLEST_UNIT)).min(UNIT_LIMIT);
-        for (k, &sum) in sums.iter().enumerate() {
-            let q = rounding_shift(full(k, sum), fit as u32).clamp(-32767, 32767) as i32;
-            let pair = &mut self.pairs[c][k / 2];
-            *pair = if k % 2 == 0 { q & 0xffff } else { *pair | q << 16 };
+        for (pair, full) in self.pairs[c].iter_mut().zip(full.chunks(2)) {
+            let q = |full: i64| rounding_shift(full, fit as u32).clamp(-32767, 32767) as i32;
+            *pair = q(full[0]) & 0xffff | q(full.get(1).copied().unwrap_or(0)) << 16;
         }
     }
 
@@ -308,7 +311,7 @@ const SMALLEST_UNIT: i32 = -110;
 const ROUNDING: f32 = 1.0 / (1 << 20) as f32;
 
 fn rounding_shift(value: i64, by: u32) -> i64 {
-    if by == 0 { value } else { (value + (1 << (by - 1))) >> by }
+    (value + ((1i64 << by) >> 1)) >> by
 }
 
 #[cfg(test)]
@@ -324,7 +327,7 @@ mod tests {
             for scale in [1u16, 3, 32768, 65535] {
                 for exponent in [-190, -120, -40, 0] {
                     let mut found = Coefficients::ZERO;
-                    found.set_channel(1, &[sum, 1], |_| scale, exponent);
+                    found.set_channel(1, &[sum, 1], [scale; 2].into_iter(), exponent);
                     let unit = f64::from(found.unit[1]);
                     for (q, sum) in [(found.pairs[1][0] as i16, sum), ((found.pairs[1][0] >> 16) as i16, 1)] {
                         let exact = f64::from(sum) * f64::from(scale) * libm::scalbn(1.0, exponent);

@@ -77,42 +77,41 @@ impl Target<'_, '_> {
 }
 
 impl Compositor<'_> {
-    /// Relights tile number `index` and writes it: `P + (1 - coverage) * view` per pixel, the view alone where nothing
+    /// Relights a tile and writes it: `P + (1 - coverage) * view` per pixel, the view alone where nothing
     /// covers it. Returns the extent of its linear values. `linear` is a place to work in. The light of the edge pixels
     /// goes to `kept`, if that has room for it ([`Edges::light_len`]).
     ///
-    /// A tile that is all covered goes straight from the field to the surface.
+    /// A tile without gaps goes straight from the field to the surface; its edge pixels follow.
     pub fn tile(
         &self,
-        (field, index): (&Field<'_>, usize),
+        (field, tile): (&Field<'_>, &Tile<'_>),
         (coefficients, light): (&Coefficients, &TileLight<'_>),
         linear: &mut LinearTile,
         kept: &mut [f32],
         mut target: Target<'_, '_>,
     ) -> Extent {
-        let tile = field.response().tile(index);
         let n = tile.padded_pixels();
-        let coverage = field.coverage(index);
-        let has_rows = add_rows(field, index, light, self.kernel, linear);
-        let job = coefficients.job(&tile, light.sun);
-        if n == TILE_PIXELS && tile.pixels() == n && coverage.is_none() && target.is_inside() {
-            let (x0, y0) = target.at;
-            let (pixels_xrgb, stride) = target.surface.from_mut(x0, y0 - target.surface_y0);
-            let to = if has_rows { Linear::Add(linear.planes(n)) } else { Linear::Skip };
-            return self.kernel.relight(&job, to, Some(Shown { pixels_xrgb, stride }));
-        }
-        let mut buffer = [0u32; TILE_PIXELS];
-        let shown = Shown { pixels_xrgb: &mut buffer[..n], stride: TILE_PX };
-        let to = match (has_rows, coverage) {
+        let has_rows = add_rows(field, tile, light, self.kernel, linear);
+        let job = coefficients.job(tile, light.sun);
+        let to = match (has_rows, tile.coverage) {
             (true, _) => Linear::Add(linear.planes(n)),
             (false, Some(_)) => Linear::Write(linear.planes(n)),
             (false, None) => Linear::Skip,
         };
-        let extent = self.kernel.relight(&job, to, Some(shown));
-        self.spread(&tile, &buffer, &mut target);
-        self.gaps(&tile, &mut target);
-        let edges = Edges::new(&tile, coverage);
-        if edges.count() > 0 {
+        let extent = if tile.pixels() == TILE_PIXELS && target.is_inside() {
+            let (x0, y0) = target.at;
+            let (pixels_xrgb, stride) = target.surface.from_mut(x0, y0 - target.surface_y0);
+            self.kernel.relight(&job, to, Some(Shown { pixels_xrgb, stride }))
+        } else {
+            let mut buffer = [0u32; TILE_PIXELS];
+            let shown = Shown { pixels_xrgb: &mut buffer[..n], stride: TILE_PX };
+            let extent = self.kernel.relight(&job, to, Some(shown));
+            self.spread(tile, &buffer, &mut target);
+            self.gaps(tile, &mut target);
+            extent
+        };
+        if tile.coverage.is_some() {
+            let edges = Edges::new(tile);
             edges.gather(linear);
             if !kept.is_empty() {
                 edges.keep(linear, kept);
@@ -124,17 +123,10 @@ impl Compositor<'_> {
 
     /// Writes what has changed of a tile because the view has: its edge pixels, whose light was `kept`, and where nothing
     /// covers the view.
-    pub fn view_alone(
-        &self,
-        (field, index): (&Field<'_>, usize),
-        kept: &[f32],
-        linear: &mut LinearTile,
-        mut target: Target<'_, '_>,
-    ) {
-        let tile = field.response().tile(index);
-        self.gaps(&tile, &mut target);
+    pub fn view_alone(&self, tile: &Tile<'_>, kept: &[f32], linear: &mut LinearTile, mut target: Target<'_, '_>) {
+        self.gaps(tile, &mut target);
         if !kept.is_empty() {
-            let edges = Edges::new(&tile, field.coverage(index));
+            let edges = Edges::new(tile);
             edges.recall(kept, linear);
             self.edges(&edges, linear, &mut target);
         }
@@ -161,7 +153,7 @@ impl Compositor<'_> {
     fn spread(&self, tile: &Tile<'_>, shown: &[u32; TILE_PIXELS], target: &mut Target<'_, '_>) {
         let mut next = 0;
         for y in 0..target.rows() {
-            let covered = mask_row(tile, y);
+            let covered = tile.mask_row(y);
             let row = target.row_mut(y);
             let mut own = next;
             for run in runs(covered) {
@@ -180,7 +172,7 @@ impl Compositor<'_> {
         let (x0, y0) = target.at;
         for y in 0..target.rows() {
             let row = target.row_mut(y);
-            for run in runs(!mask_row(tile, y)) {
+            for run in runs(!tile.mask_row(y)) {
                 let open = run.start..run.end.min(row.len());
                 if !open.is_empty() {
                     self.view.copy_row(x0 + open.start, y0 + y, &mut row[open]);
@@ -188,11 +180,6 @@ impl Compositor<'_> {
             }
         }
     }
-}
-
-/// The covered pixels of a tile's row, one bit each.
-fn mask_row(tile: &Tile<'_>, y: usize) -> u16 {
-    u16::from_le_bytes([tile.record.mask[2 * y], tile.record.mask[2 * y + 1]])
 }
 
 /// The runs of ones in a row's bits: masks are made of few, and what lies in one is copied whole.
@@ -219,7 +206,7 @@ mod tests {
         mask[0] = 1;
         let mut pixels = [crate::surface::xrgb([crate::tone::code(premultiplied); 3])];
         let mut surface = Surface::new(&mut pixels, 1, 1, 1).unwrap();
-        let edges = Edges::new(&Tile::bare(mask), Some(&[coverage]));
+        let edges = Edges::new(&Tile { coverage: Some(&[coverage]), ..Tile::bare(mask) });
         let mut target = Target { surface: &mut surface, surface_y0: 0, at: (0, 0) };
         compositor.edges(&edges, &mut linear, &mut target);
         pixels[0]

@@ -220,18 +220,17 @@ pub struct Off {
 }
 
 impl Off {
-    /// How far tile number `index` shown in `light` may be from the uncompressed response. `all` are the block's
+    /// How far a tile shown in `light` may be from the uncompressed response. `all` are the block's
     /// coefficients with all ranks, and `block_bound` is what [`crate::bound::Bounds::block`] says of the block.
     pub fn of(
-        (field, index): (&Field<'_>, usize),
+        (field, tile): (&Field<'_>, &Tile<'_>),
         light: &ShownLight<'_>,
         (all, block_bound): (&Coefficients, &[[f32; 3]; 2]),
     ) -> Off {
-        let tile = field.response().tile(index);
-        let mut off = Off::of_factors(light.coefficients, (all, block_bound), &TileSize::of(&tile));
+        let mut off = Off::of_factors(light.coefficients, (all, block_bound), &TileSize::of(tile));
         let mut squares = [0.0f32; 3];
         for apart in light.weights.apart() {
-            let facts = row_facts((field, index), &tile, apart.patch, light.unpacked);
+            let facts = row_facts(field, tile, apart.patch, light.unpacked);
             let (error, rest, unit) = (facts.error() * SLACK, facts.rest * SLACK, facts.unit * SLACK);
             for c in 0..3 {
                 let light = apart.light[c] * tile.row_top(c);
@@ -314,23 +313,22 @@ impl DrawnTile {
         self.dimmest = dimmest;
     }
 
-    /// How far tile number `index`, drawn in `light`, would be from what was drawn; `error` is [`Off::of`] of that light.
+    /// How far a tile, drawn in `light`, would be from what was drawn; `error` is [`Off::of`] of that light.
     pub fn moved(
         &self,
-        (field, index): (&Field<'_>, usize),
+        (field, tile): (&Field<'_>, &Tile<'_>),
         light: &ShownLight<'_>,
         (reach, sun): (&TileReach<'_>, &SunDrift),
         error: &Off,
     ) -> Off {
-        let tile = field.response().tile(index);
-        let sky = light.coefficients.change_bound(&self.coefficients, &TileSize::of(&tile), reach);
+        let sky = light.coefficients.change_bound(&self.coefficients, &TileSize::of(tile), reach);
         let mut off = Off { sky, ..Off::default() };
         if self.sun_q16 != light.sun_q16 || sun.drift > 0 {
             off.sun = sun.change(self.sun_q16, light.sun_q16);
             // The response is not negative, nor are rows: below 0 is only what the factors are off by.
             off.below = field.bounds().map_or([f32::INFINITY; 3], |_| error.sky[0].map(|sky| sky.down));
         }
-        off.add_sky(&[self.rows_change((field, index), &tile, light).map(Sides::both); 2]);
+        off.add_sky(&[self.rows_change(field, tile, light).map(Sides::both); 2]);
         off
     }
 
@@ -345,11 +343,11 @@ impl DrawnTile {
     }
 
     /// A bound on what the rows of patches apart change, per channel.
-    fn rows_change(&self, tile_of: (&Field<'_>, usize), tile: &Tile<'_>, light: &ShownLight<'_>) -> [f32; 3] {
+    fn rows_change(&self, field: &Field<'_>, tile: &Tile<'_>, light: &ShownLight<'_>) -> [f32; 3] {
         let (old, new) = (&self.apart[..self.apart_count], light.weights);
         let mut sum = [0.0f32; 3];
         let mut add = |patch: u16, before: [f32; 3], after: [f32; 3]| {
-            let largest = row_facts(tile_of, tile, patch, light.unpacked).largest() * SLACK;
+            let largest = row_facts(field, tile, patch, light.unpacked).largest() * SLACK;
             (0..3).for_each(|c| sum[c] += (after[c] - before[c]).abs() * largest * tile.row_top(c));
         };
         for apart in new.apart() {

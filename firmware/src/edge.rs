@@ -1,7 +1,7 @@
 //! Edge pixels: those of a tile that are covered partly, so that the view behind mixes with them.
 
 use crate::relight::LinearTile;
-use crate::tile::{LANE_PAD, TILE_PIXELS, Tile, padded};
+use crate::tile::{LANE_PAD, TILE_PIXELS, TILE_PX, Tile, padded};
 
 /// The edge pixels of a tile, in mask order.
 #[derive(Clone, Debug)]
@@ -16,24 +16,40 @@ pub struct Edges {
 }
 
 impl Edges {
-    /// Of a tile with this coverage ([`crate::field::Field::coverage`]).
-    pub fn new(tile: &Tile<'_>, coverage: Option<&[u8]>) -> Self {
+    /// Of a tile.
+    pub fn new(tile: &Tile<'_>) -> Self {
         let nothing = [0; TILE_PIXELS];
         let mut edges = Edges { count: 0, places: nothing, numbers: nothing, coverage: [255; TILE_PIXELS] };
-        for (number, (place, &share)) in tile.covered().zip(coverage.unwrap_or(&[])).enumerate() {
-            if share < 255 {
-                edges.places[edges.count] = place as u8;
-                edges.numbers[edges.count] = number as u8;
-                edges.coverage[edges.count] = share;
-                edges.count += 1;
+        let Some(coverage) = tile.coverage else { return edges };
+        let mut first = 0;
+        for y in 0..TILE_PX {
+            let covered = tile.mask_row(y);
+            let end = first + covered.count_ones() as usize;
+            let shares = &coverage[first..end];
+            // Most rows have no edge: they are passed over whole.
+            if shares.first_chunk().is_none_or(|shares| u128::from_le_bytes(*shares) != u128::MAX) {
+                edges.add_row((y, covered), first, shares);
             }
+            first = end;
         }
         edges
     }
 
+    fn add_row(&mut self, (y, mut covered): (usize, u16), first: usize, shares: &[u8]) {
+        for (number, &share) in shares.iter().enumerate() {
+            if share < 255 {
+                self.places[self.count] = (y * TILE_PX) as u8 + covered.trailing_zeros() as u8;
+                self.numbers[self.count] = (first + number) as u8;
+                self.coverage[self.count] = share;
+                self.count += 1;
+            }
+            covered &= covered - 1;
+        }
+    }
+
     /// Floats that the light of a tile's edge pixels takes.
-    pub fn light_len(coverage: Option<&[u8]>) -> usize {
-        3 * coverage.unwrap_or(&[]).iter().filter(|&&share| share < 255).count()
+    pub fn light_len(tile: &Tile<'_>) -> usize {
+        3 * tile.coverage.unwrap_or(&[]).iter().filter(|&&share| share < 255).count()
     }
 
     /// Edge pixels.

@@ -161,7 +161,6 @@ pub struct Field<'a> {
     bytes: &'a [u8],
     header: Header,
     response: TileSet<'a>,
-    coverage: &'a [u8],
     way_back: WayBack<'a>,
     bounds: Option<Bounds<'a>>,
     sun_surfaces: SunSurfaces<'a>,
@@ -184,10 +183,8 @@ impl<'a> Field<'a> {
         if patches > MAX_PATCHES {
             return Err(FieldError::Invalid("patch count"));
         }
-        let coverage = layer(*b"COVR")?;
         let response = TileSet::check(
-            [layer(*b"TILE")?, layer(*b"RESU")?, layer(*b"RESV")?, layer(*b"ROWS")?],
-            Some(coverage),
+            [layer(*b"TILE")?, layer(*b"RESU")?, layer(*b"RESV")?, layer(*b"ROWS")?, layer(*b"COVR")?],
             tiles,
             size,
             patches,
@@ -207,7 +204,7 @@ impl<'a> Field<'a> {
             _ => None,
         };
         let meta = find_layer(bytes, *b"META").unwrap_or(&[]);
-        Ok(Field { bytes, header, response, coverage, way_back, bounds, sun_surfaces, bounce, meta })
+        Ok(Field { bytes, header, response, way_back, bounds, sun_surfaces, bounce, meta })
     }
 
     /// The header's facts.
@@ -262,9 +259,7 @@ impl<'a> Field<'a> {
 
     /// Coverage of the tile's covered pixels in mask order, 255 = whole; `None` where all are whole.
     pub fn coverage(&self, tile: usize) -> Option<&'a [u8]> {
-        let tile = self.response.tile(tile);
-        let at = tile.coverage_at?;
-        Some(&self.coverage[at..at + tile.pixels()])
+        self.response.tile(tile).coverage
     }
 
     /// What the bake wrote about itself: UTF-8 JSON, empty if none.

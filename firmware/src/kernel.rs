@@ -46,6 +46,14 @@ enum Path {
     NeonDot,
 }
 
+/// Plain loops whose lanes do not depend on each other, for [`Kernel::widely`].
+pub trait Loops {
+    /// What they give.
+    type Out;
+    /// Runs them; `#[inline(always)]`, and so is what it calls, or nothing is gained.
+    fn run(self) -> Self::Out;
+}
+
 impl Kernel {
     /// The normative path.
     pub const SCALAR: Kernel = Kernel(Path::Scalar);
@@ -212,6 +220,19 @@ impl Kernel {
             #[cfg(target_arch = "aarch64")]
             #[allow(unsafe_code)]
             Path::Neon | Path::NeonDot => unsafe { view::neon(view_xrgb, coverage, light, planes) },
+        }
+    }
+
+    /// Runs plain loops that were compiled for this path's registers: the same steps, so the same bits, in less time.
+    #[inline]
+    pub fn widely<L: Loops>(self, work: L) -> L::Out {
+        match self.0 {
+            // SAFETY: `Kernel` holds these paths only where the processor has AVX2.
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            Path::Avx2 | Path::Avx512 => unsafe { avx2::widely(work) },
+            // Every aarch64 has NEON, and plain loops use it anyway.
+            _ => work.run(),
         }
     }
 

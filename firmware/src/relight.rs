@@ -74,21 +74,20 @@ impl Coefficients {
         kernel.relight(&self.job(tile, sun), Linear::Write(out.planes(tile.padded_pixels())), None)
     }
 
-    /// Linear values of tile number `index` of `field` with all that belongs to its picture: factors, the sun, and the
+    /// Linear values of a tile of `field` with all that belongs to its picture: factors, the sun, and the
     /// rows of patches that are set apart.
     pub fn pixels(
         &self,
         field: &Field<'_>,
-        index: usize,
+        tile: &Tile<'_>,
         light: &TileLight<'_>,
         kernel: Kernel,
         out: &mut LinearTile,
     ) -> Extent {
-        let tile = field.response().tile(index);
-        let has_rows = add_rows(field, index, light, kernel, out);
+        let has_rows = add_rows(field, tile, light, kernel, out);
         let planes = out.planes(tile.padded_pixels());
         let linear = if has_rows { Linear::Add(planes) } else { Linear::Write(planes) };
-        kernel.relight(&self.job(&tile, light.sun), linear, None)
+        kernel.relight(&self.job(tile, light.sun), linear, None)
     }
 }
 

@@ -91,6 +91,8 @@ impl TileRecord {
 /// Borrowed parts of one tile; shapes in `field.rs`.
 #[derive(Clone, Copy, Debug)]
 pub struct Tile<'a> {
+    /// Number of the tile, in row-major order.
+    pub index: usize,
     /// The record.
     pub record: TileRecord,
     /// U, `rank/2` planes of padded pixel pairs, i8 as bytes.
@@ -103,7 +105,8 @@ pub struct Tile<'a> {
     pub rows: &'a [u8],
     /// Where this tile's slot begins in a plane that is laid out like the row scales (elements, not bytes).
     pub plane_at: usize,
-    pub(crate) coverage_at: Option<usize>,
+    /// Coverage of the covered pixels in mask order, 255 = whole; `None` where all are whole.
+    pub coverage: Option<&'a [u8]>,
 }
 
 impl<'a> Tile<'a> {
@@ -127,9 +130,10 @@ impl<'a> Tile<'a> {
         usize::from(self.record.v_rank)
     }
 
-    /// Scale of rank `k` of channel `c`.
-    pub fn v_scale(&self, c: usize, k: usize) -> u16 {
-        u16_at(self.v_scale, 2 * (c * self.v_rank() + k))
+    /// Scales of all ranks of channel `c`.
+    pub fn v_scales(&self, c: usize) -> impl Iterator<Item = u16> + use<'a> {
+        let scales = &self.v_scale.as_chunks::<2>().0[c * self.v_rank()..][..self.v_rank()];
+        scales.iter().map(|scale| u16::from_le_bytes(*scale))
     }
 
     /// Row scales of channel `c` as stored, of the covered pixels in their order.
@@ -148,12 +152,17 @@ impl<'a> Tile<'a> {
         covered_pixels(self.record.mask)
     }
 
+    /// The covered pixels of row `y`, one bit each.
+    pub(crate) fn mask_row(&self, y: usize) -> u16 {
+        u16::from_le_bytes([self.record.mask[2 * y], self.record.mask[2 * y + 1]])
+    }
+
     /// A tile of a mask and nothing else.
     #[cfg(test)]
     pub(crate) fn bare(mask: [u8; 32]) -> Tile<'static> {
         let mut record = TileRecord::decode(&[0; TILE_RECORD]);
         (record.mask, record.pixels) = (mask, mask.iter().map(|b| b.count_ones() as u16).sum());
-        Tile { record, u: &[], v: &[], v_scale: &[], rows: &[], plane_at: 0, coverage_at: None }
+        Tile { index: 0, record, u: &[], v: &[], v_scale: &[], rows: &[], plane_at: 0, coverage: None }
     }
 
     /// Bytes of U and row scales that a full reconstruction reads.
@@ -184,6 +193,7 @@ pub struct TileSet<'a> {
     u: &'a [u8],
     v: &'a [u8],
     rows: &'a [u8],
+    coverage: &'a [u8],
     tiles: (u32, u32),
     patches: usize,
     covered: usize,
@@ -191,8 +201,7 @@ pub struct TileSet<'a> {
 
 impl<'a> TileSet<'a> {
     pub(crate) fn check(
-        [records, u, v, rows]: [&'a [u8]; 4],
-        coverage: Option<&[u8]>,
+        [records, u, v, rows, coverage]: [&'a [u8]; 5],
         tiles: (u32, u32),
         (width, height): (u32, u32),
         patches: usize,
@@ -200,11 +209,11 @@ impl<'a> TileSet<'a> {
         if records.len() != tiles.0 as usize * tiles.1 as usize * TILE_RECORD {
             return Err(FieldError::Invalid("number of tiles"));
         }
-        let mut set = TileSet { records, u, v, rows, tiles, patches, covered: 0 };
+        let mut set = TileSet { records, u, v, rows, coverage, tiles, patches, covered: 0 };
         let mut rows_end = 0;
         for index in 0..set.tiles() {
             let record = TileRecord::decode(set.record(index));
-            set.check_record(&record, coverage)?;
+            set.check_record(&record)?;
             let rows_at = record.rows_place as usize * PLACE_UNIT;
             if rows_at < rows_end {
                 return Err(FieldError::Invalid("order of the row scales"));
@@ -236,7 +245,7 @@ impl<'a> TileSet<'a> {
         Ok(())
     }
 
-    fn check_record(&self, record: &TileRecord, coverage: Option<&[u8]>) -> Result<(), FieldError> {
+    fn check_record(&self, record: &TileRecord) -> Result<(), FieldError> {
         let bits: u32 = record.mask.iter().map(|b| b.count_ones()).sum();
         if bits != u32::from(record.pixels) {
             return Err(FieldError::Invalid("tile mask"));
@@ -256,7 +265,7 @@ impl<'a> TileSet<'a> {
         let places = fits(record.u_place, rank * n, self.u)
             && fits(record.v_place, v_bytes, self.v)
             && fits(record.rows_place, 6 * n, self.rows)
-            && (whole || coverage.is_some_and(|c| fits(record.coverage_place, n, c)));
+            && (whole || fits(record.coverage_place, n, self.coverage));
         if places { Ok(()) } else { Err(FieldError::Invalid("place of a tile")) }
     }
 
@@ -329,14 +338,17 @@ impl<'a> TileSet<'a> {
             |layer: &'a [u8], place: u32, skip: usize, len: usize| &layer[place as usize * PLACE_UNIT + skip..][..len];
         let v_rank = usize::from(record.v_rank);
         let v_bytes = 3 * v_rank * padded(self.patches);
+        let has_coverage = record.coverage_place != ALL_WHOLE;
+        let coverage = has_coverage.then(|| part(self.coverage, record.coverage_place, 0, usize::from(record.pixels)));
         Tile {
+            index,
             record,
             u: part(self.u, record.u_place, 0, rank * n),
             v: part(self.v, record.v_place, 0, v_bytes),
             v_scale: part(self.v, record.v_place, v_bytes, 6 * v_rank),
             rows: part(self.rows, record.rows_place, 0, 6 * n),
             plane_at: record.rows_place as usize * PLACE_UNIT / 2,
-            coverage_at: (record.coverage_place != ALL_WHOLE).then_some(record.coverage_place as usize * PLACE_UNIT),
+            coverage,
         }
     }
 }

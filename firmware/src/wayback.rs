@@ -138,30 +138,31 @@ impl<'a> WayBack<'a> {
         (place != NO_WAY).then_some(place as usize * PLACE_UNIT)
     }
 
-    /// The rows of `patch` in tile number `index`, if the file has them.
-    pub fn get(&self, index: usize, tile: &Tile<'_>, patch: usize) -> Option<PatchRows<'a>> {
-        let (entry, strips) = self.entry(index, patch)?;
+    /// The rows of `patch` in a tile, if the file has them.
+    pub fn get(&self, tile: &Tile<'_>, patch: usize) -> Option<PatchRows<'a>> {
+        let (block, entry) = self.entry(tile.index, patch)?;
         // That the strips fit was checked; whoever asks for no more than the entry must not wait for their headers.
-        Some(PatchRows { entry, strips: strips(entry)?, pixels: tile.padded_pixels() })
+        Some(PatchRows { entry, strips: block.get(u32_at(entry, 0) as usize..)?, pixels: tile.padded_pixels() })
     }
 
-    /// A patch's entry, and what finds its strips.
-    fn entry(&self, index: usize, patch: usize) -> Option<(&'a [u8], impl Fn(&[u8]) -> Option<&'a [u8]>)> {
+    /// The block of a tile and a patch's entry in it.
+    fn entry(&self, index: usize, patch: usize) -> Option<(&'a [u8], &'a [u8])> {
         let block = &self.blocks[self.block(index).filter(|_| patch < self.patches)?..];
-        let entry = &block[patch * WAY_ENTRY..][..WAY_ENTRY];
-        Some((entry, |entry: &[u8]| block.get(u32_at(entry, 0) as usize..)))
+        Some((block, &block[patch * WAY_ENTRY..][..WAY_ENTRY]))
     }
 
     /// Asks for a patch's entry.
     pub fn prefetch_entry(&self, index: usize, patch: usize, kernel: Kernel) {
-        if let Some((entry, _)) = self.entry(index, patch) {
+        if let Some((_, entry)) = self.entry(index, patch) {
             kernel.prefetch(entry);
         }
     }
 
     /// Asks for what unpacking a patch's rows will read first; its entry should be there already.
     pub fn prefetch_rows(&self, index: usize, patch: usize, kernel: Kernel) {
-        if let Some(strips) = self.entry(index, patch).and_then(|(entry, strips)| strips(entry)) {
+        if let Some((block, entry)) = self.entry(index, patch)
+            && let Some(strips) = block.get(u32_at(entry, 0) as usize..)
+        {
             kernel.prefetch(&strips[..strips.len().min(PREFETCHED)]);
         }
     }

@@ -29,6 +29,7 @@ use relume_firmware::bound::CodeSlope;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
 use relume_firmware::levels::is_error_budget;
+use relume_firmware::tile::Tile;
 use relume_firmware::tone::ViewLight;
 use relume_firmware::weights::{SunWeight, WeightError};
 use std::time::Instant;
@@ -39,6 +40,8 @@ use waiting::Choice;
 /// Relights one field, frame after frame, on `threads` threads.
 pub struct Relighter<'f> {
     field: Field<'f>,
+    /// The field's tiles in row-major order, so that no frame has to read their records.
+    tiles: Vec<Tile<'f>>,
     kernel: Kernel,
     light: ViewLight,
     slope: CodeSlope,
@@ -83,8 +86,10 @@ impl<'f> Relighter<'f> {
         let response = field.response();
         let patches = field.patch_set().len();
         let pool = thread_pool(threads);
-        let states: Vec<TileState> = (0..response.tiles()).map(|index| TileState::new(&field, index)).collect();
-        let blocks: Vec<Block> = (0..response.blocks()).map(|index| Block::new(&field, index, &states)).collect();
+        let tiles: Vec<Tile<'f>> = (0..response.tiles()).map(|index| response.tile(index)).collect();
+        let states: Vec<TileState> = tiles.iter().map(TileState::new).collect();
+        let blocks: Vec<Block> =
+            (0..response.blocks()).map(|index| Block::new(&field, index, (&tiles, &states))).collect();
         let counters = FrameCounters {
             tiles: response.tiles(),
             blocks: blocks.iter().filter(|block| block.tile.is_some()).count(),
@@ -93,12 +98,13 @@ impl<'f> Relighter<'f> {
         };
         Relighter {
             field,
+            tiles,
             kernel,
             light: ViewLight::new(),
             slope: CodeSlope::new(),
             alone: threads == 1 || pool.is_none(),
             pool,
-            levels: Levels::new(&field),
+            levels: Levels::new(&field, kernel),
             given: PatchWeights { radiance: vec![[0.0; 3]; patches], sun: None },
             exposure: 1.0,
             sun: SunPlane::new(&field),
@@ -208,7 +214,7 @@ impl<'f> Relighter<'f> {
         self.exposure = exposure;
         self.new_weights = true;
         self.moment += 1;
-        self.levels.unpack(&self.field, self.kernel);
+        self.levels.unpack(&self.field, &self.tiles);
         self.lower_levels();
         self.follow_sun();
         self.project(true);
@@ -242,7 +248,7 @@ impl<'f> Relighter<'f> {
                 self.levels.prepare(&self.field, level, &self.given, self.exposure);
             }
         }
-        let (field, levels, kernel) = (&self.field, &self.levels, self.kernel);
+        let (field, levels, kernel) = ((&self.field, &*self.tiles), &self.levels, self.kernel);
         let project = |(index, block): (usize, &mut Block)| {
             let how = block.project(field, index, levels, kernel, new_weights);
             (usize::from(how == Projected::Whole), usize::from(how == Projected::Stepped))

@@ -80,7 +80,7 @@ impl<'a> Examiner<'a> {
     /// If the light is refused.
     pub fn set(&mut self, light: &[[f32; 3]], exposure: f32, apart: &[u16]) {
         self.weights.set(light, None, exposure, apart).expect("a light that is taken");
-        self.field.bounds().expect("bounds").light(&self.weights, &mut self.bound_light);
+        self.field.bounds().expect("bounds").light(&self.weights, self.kernel, &mut self.bound_light);
     }
 
     /// The light, unrounded: radiance times exposure against the response, `[pixel][3]`.
@@ -101,11 +101,12 @@ impl<'a> Examiner<'a> {
         all.project(&tile, &self.weights, self.kernel, usize::MAX);
         used.copy_from(&all);
         used.limit_rank(self.max_rank);
-        let block = self.field.bounds().expect("bounds").block(response.block_of(index), &self.bound_light);
+        let block =
+            self.field.bounds().expect("bounds").block(response.block_of(index), &self.bound_light, self.kernel);
         let shown = ShownLight { coefficients: &used, weights: &self.weights, unpacked: &[], sun_q16: [0; 3] };
-        let off = Off::of((&self.field, index), &shown, (&all, &block));
+        let off = Off::of((&self.field, &tile), &shown, (&all, &block));
         let light = TileLight { sun: None, weights: &self.weights, unpacked: &[] };
-        let extent = used.pixels(&self.field, index, &light, self.kernel, &mut self.linear);
+        let extent = used.pixels(&self.field, &tile, &light, self.kernel, &mut self.linear);
         let mut drawn = DrawnTile::NOTHING;
         drawn.set(&shown, Dimmest::of_extent(extent));
         ((0..tile.pixels()).flat_map(|x| self.linear.rgb(x)).collect(), off, drawn)

@@ -10,7 +10,7 @@ use relume_firmware::field::Field;
 use relume_firmware::kernel::{Extent, Kernel};
 use relume_firmware::relight::{Coefficients, LinearTile, TileLight};
 use relume_firmware::surface::Surface;
-use relume_firmware::tile::{TILE_PIXELS, TILE_PX};
+use relume_firmware::tile::{TILE_PIXELS, TILE_PX, Tile};
 use relume_firmware::tone::ViewLight;
 
 /// Which buffer, format and view a tile was drawn with.
@@ -124,11 +124,11 @@ impl<'a> Frame<'a> {
         (TILE_PX.min(self.width.saturating_sub(x0)), TILE_PX.min(self.height.saturating_sub(y0)))
     }
 
-    /// Relights tile number `index`, whose top left pixel is `x0`, `y0`, and writes it over the view, or as premultiplied
+    /// Relights a tile, whose top left pixel is `x0`, `y0`, and writes it over the view, or as premultiplied
     /// colours. Returns the extent of its linear values. `linear` is a place to work in.
     pub fn relight_tile(
         &self,
-        (field, index): (&Field<'_>, usize),
+        (field, tile): (&Field<'_>, &Tile<'_>),
         (x0, y0): (usize, usize),
         (coefficients, light): (&Coefficients, &TileLight<'_>),
         (view_light, kernel): (&ViewLight, Kernel),
@@ -136,9 +136,8 @@ impl<'a> Frame<'a> {
     ) -> Extent {
         let (width, height) = self.tile_size((x0, y0));
         if self.format == Format::Argb8888 {
-            let extent = coefficients.pixels(field, index, light, kernel, linear);
-            let tile = field.response().tile(index);
-            self.write_words((x0, y0), &premultiplied(&tile, linear, field.coverage(index), kernel));
+            let extent = coefficients.pixels(field, tile, light, kernel, linear);
+            self.write_words((x0, y0), &premultiplied(tile, linear, kernel));
             return extent;
         }
         // Composited beside the buffer: display memory is often slow to read, and this has one format.
@@ -149,7 +148,7 @@ impl<'a> Frame<'a> {
         let view = ViewPixels { pixels_xrgb: behind, stride };
         let target = composite::Target { surface: &mut surface, surface_y0: 0, at: (0, 0) };
         let compositor = Compositor { view, light: view_light, kernel };
-        let extent = compositor.tile((field, index), (coefficients, light), linear, &mut [], target);
+        let extent = compositor.tile((field, tile), (coefficients, light), linear, &mut [], target);
         self.write_words((x0, y0), &words);
         extent
     }

@@ -2,6 +2,7 @@
 
 use relume_firmware::bound::BoundLight;
 use relume_firmware::field::Field;
+use relume_firmware::kernel::Kernel;
 use relume_firmware::levels::{LEVELS, apart};
 use relume_firmware::patches::MAX_PATCHES;
 use relume_firmware::weights::{FixedWeights, SunWeight, WeightError};
@@ -97,7 +98,7 @@ impl Levels {
         let level = &mut self.levels[level];
         level.weights.set(radiance, sun.as_ref(), exposure, &out[..count])?;
         if let Some(bounds) = field.bounds() {
-            bounds.light(&level.weights, &mut level.bound);
+            bounds.light(&level.weights, Kernel::detect(), &mut level.bound);
         }
         level.is_ready = true;
         Ok(())

@@ -98,7 +98,7 @@ pub unsafe fn open(memory: *mut u8, layout: Layout, field: Field<'static>) -> *m
         let blocks: *mut BlockState = memory.add(layout.blocks_at).cast();
         let plane: *mut u16 = memory.add(layout.plane_at).cast();
         for index in 0..response.tiles() {
-            states.add(index).write(TileState::new(&field, index));
+            states.add(index).write(TileState::new(&response.tile(index)));
         }
         for index in 0..response.blocks() {
             blocks.add(index).write(BlockState::new());

@@ -266,11 +266,12 @@ impl Relighting {
         let light = TileLight { sun, weights, unpacked: &[] };
         let sun_q16 = sun.map_or([0; 3], |(_, q16)| q16);
         let frame_light = FrameLight { number: self.light, level, sun_q16, weights, slope: &self.slope };
-        if in_place && state.may_stay(&self.field, index, projected, frame_light) {
+        let tile = &self.field.response().tile(index);
+        if in_place && state.may_stay((&self.field, tile), projected, frame_light) {
             return true;
         }
         let at = (column * TILE_PX, row * TILE_PX);
-        let (tile, with) = ((&self.field, index), (&self.view_light, self.kernel));
+        let (tile, with) = ((&self.field, tile), (&self.view_light, self.kernel));
         let extent = frame.relight_tile(tile, at, (&projected.coefficients, &light), with, linear);
         let dimmest = Dimmest::of_extent(extent);
         state.note_drawn(tile, projected, (frame_light, dimmest), (frame.target(), frame.view()));
@@ -282,7 +283,7 @@ impl Relighting {
         let (response, level) = (self.field.response(), self.levels.get(level));
         projected.coefficients.project(&response.tile(index), &level.weights, self.kernel, MAX_RANK);
         if let Some(bounds) = self.field.bounds() {
-            projected.bound = bounds.block(response.block_of(index), &level.bound);
+            projected.bound = bounds.block(response.block_of(index), &level.bound, self.kernel);
         }
     }
 }

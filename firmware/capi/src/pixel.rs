@@ -68,17 +68,12 @@ fn xrgb2101010(word: u32) -> u32 {
 
 /// A tile as 0xAARRGGBB, `[y][x]`, 0 where nothing covers it. The colour is that of the covered part, as a code, times
 /// coverage: display hardware blends codes, not light.
-pub fn premultiplied(
-    tile: &Tile<'_>,
-    linear: &LinearTile,
-    coverage: Option<&[u8]>,
-    kernel: Kernel,
-) -> [u32; TILE_PIXELS] {
+pub fn premultiplied(tile: &Tile<'_>, linear: &LinearTile, kernel: Kernel) -> [u32; TILE_PIXELS] {
     let (mut shown, mut out) = ([0u32; TILE_PIXELS], [0u32; TILE_PIXELS]);
     let n = tile.padded_pixels();
     kernel.tone([&linear.0[0][..n], &linear.0[1][..n], &linear.0[2][..n]], &mut shown[..n]);
     for (k, pixel) in tile.covered().enumerate() {
-        let alpha = coverage.map_or(255, |c| c[k]);
+        let alpha = tile.coverage.map_or(255, |c| c[k]);
         let colour = match alpha {
             255 => shown[k],
             0 => 0,

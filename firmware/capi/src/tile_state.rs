@@ -6,7 +6,7 @@ use relume_firmware::bound::CodeSlope;
 use relume_firmware::coefficients::TileReach;
 use relume_firmware::drawn::{Dimmest, DrawnTile, HALF_CODE, Off, ShownLight, SunDrift, dark_shares};
 use relume_firmware::field::Field;
-use relume_firmware::tile::TILE_PIXELS;
+use relume_firmware::tile::{TILE_PIXELS, Tile};
 use relume_firmware::weights::FixedWeights;
 
 /// The light of a frame beside the blocks' coefficients.
@@ -61,8 +61,7 @@ pub struct TileState {
 
 impl TileState {
     /// A tile that was never drawn.
-    pub fn new(field: &Field<'_>, index: usize) -> Self {
-        let tile = field.response().tile(index);
+    pub fn new(tile: &Tile<'_>) -> Self {
         TileState {
             drawn: DrawnTile::NOTHING,
             place: None,
@@ -70,9 +69,9 @@ impl TileState {
             level: 0,
             traced_sun: 0,
             sun: SunDrift::default(),
-            dark_shares: dark_shares(&tile),
+            dark_shares: dark_shares(tile),
             shown_bound: (0.0, 0.0),
-            shows_view: tile.pixels() < TILE_PIXELS || field.coverage(index).is_some(),
+            shows_view: tile.pixels() < TILE_PIXELS || tile.coverage.is_some(),
             empty: tile.pixels() == 0,
         }
     }
@@ -106,13 +105,13 @@ impl TileState {
     }
 
     /// Would the tile change by less than half a code? Remembers it if so, and how right the tile still is.
-    pub fn may_stay(&mut self, field: &Field<'_>, index: usize, projected: &Projected, light: FrameLight<'_>) -> bool {
+    pub fn may_stay(&mut self, tile: (&Field<'_>, &Tile<'_>), projected: &Projected, light: FrameLight<'_>) -> bool {
         // With as many patches apart as on higher levels only the same light can be compared.
         if self.place.is_none() || self.level > 0 || light.level > 0 {
             return false;
         }
         // No room for a table of reaches: the worst that a tile can have.
-        let (shown, tile) = (light.on(projected), (field, index));
+        let shown = light.on(projected);
         let error = Off::of(tile, &shown, (&projected.coefficients, &projected.bound));
         let moved = self.drawn.moved(tile, &shown, (&TileReach(&[]), &self.sun), &error);
         if self.drawn.dimmest().codes(light.slope, &self.dark_shares, &moved) >= HALF_CODE {
@@ -126,7 +125,7 @@ impl TileState {
     /// Notes that the tile was drawn.
     pub fn note_drawn(
         &mut self,
-        tile: (&Field<'_>, usize),
+        tile: (&Field<'_>, &Tile<'_>),
         projected: &Projected,
         (light, dimmest): (FrameLight<'_>, Dimmest),
         place: Place,

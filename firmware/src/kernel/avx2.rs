@@ -254,6 +254,15 @@ fn table(bytes: &[u8; 16]) -> __m256i {
     _mm256_broadcastsi128_si256(unsafe { _mm_loadu_si128(bytes.as_ptr().cast()) })
 }
 
+/// See [`super::Kernel::widely`].
+///
+/// # Safety
+/// AVX2.
+#[target_feature(enable = "avx2")]
+pub unsafe fn widely<L: super::Loops>(work: L) -> L::Out {
+    work.run()
+}
+
 /// See [`super::Kernel::prefetch`].
 pub fn prefetch<T: Copy>(values: &[T]) {
     for byte in (0..size_of_val(values)).step_by(64) {

@@ -144,15 +144,15 @@ mod x86 {
                     }
                 }
             }
-            for c in 0..3 {
-                for half in 0..2 {
+            for (c, sums) in sums.into_iter().enumerate() {
+                for (half, sum) in sums.into_iter().enumerate() {
                     let at = x + 8 * half;
                     // SAFETY: rows hold 3 n u16, planes n values each.
                     unsafe {
                         let row = _mm_loadu_si128(rows.as_ptr().add(2 * (c * n + at)).cast());
                         let row = _mm256_cvtepi32_ps(_mm256_cvtepu16_epi32(row));
                         let to = planes[c].add(at);
-                        _mm256_storeu_ps(to, _mm256_add_ps(_mm256_loadu_ps(to), _mm256_mul_ps(sums[c][half], row)));
+                        _mm256_storeu_ps(to, _mm256_add_ps(_mm256_loadu_ps(to), _mm256_mul_ps(sum, row)));
                     }
                 }
             }
@@ -243,9 +243,9 @@ mod tests {
     fn strips_of(pixels: usize, random: &mut Random) -> Vec<u8> {
         let mut bytes = vec![];
         for first in (0..pixels).step_by(STRIP) {
-            let bits: [usize; 3] = core::array::from_fn(|_| random.below(12) as usize);
+            let bits: [usize; 3] = core::array::from_fn(|_| random.below(12));
             bytes.push((bits[0] | bits[1] << 4) as u8);
-            bytes.push((bits[2] | (random.below(16) as usize) << 4) as u8);
+            bytes.push((bits[2] | random.below(16) << 4) as u8);
             let planes = bits.iter().sum::<usize>() * STRIP.min(pixels - first) / 8;
             bytes.extend((2..STRIP_HEADER + planes).map(|_| random.below(256) as u8));
         }

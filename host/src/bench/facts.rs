@@ -45,7 +45,7 @@ pub fn way_back_bytes(field: &Field<'_>, sky: &BenchSky) -> usize {
     let mut patches = [0; MAX_STANDOUTS];
     let count = standouts(&sky.weights.radiance, &mut patches);
     let tiles = field.response();
-    let rows = |index: usize, patch: u16| field.way_back().get(index, &tiles.tile(index), usize::from(patch));
+    let rows = |index: usize, patch: u16| field.way_back().get(&tiles.tile(index), usize::from(patch));
     let places = patches[..count].iter().flat_map(|&patch| (0..tiles.tiles()).map(move |index| (index, patch)));
     places.filter_map(|(index, patch)| rows(index, patch)).map(|rows| rows.bytes()).sum()
 }

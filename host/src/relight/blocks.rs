@@ -39,10 +39,9 @@ pub(super) enum Projected {
 }
 
 impl Block {
-    pub(super) fn new(field: &Field<'_>, index: usize, states: &[TileState]) -> Self {
-        let response = field.response();
-        let tile = response.tiles_of(index).find(|&tile| response.tile(tile).pixels() > 0);
-        let sums = tile.map_or(0, |tile| 3 * response.tile(tile).v_rank());
+    pub(super) fn new(field: &Field<'_>, index: usize, (tiles, states): (&[Tile<'_>], &[TileState])) -> Self {
+        let tile = field.response().tiles_of(index).find(|&tile| !states[tile].empty);
+        let sums = tile.map_or(0, |tile| 3 * tiles[tile].v_rank());
         Block {
             tile,
             coefficients: Coefficients::ZERO,
@@ -50,7 +49,7 @@ impl Block {
             current: false,
             level: 0,
             bound: [[0.0; 3]; 2],
-            standing: Standing::new(field, index, states),
+            standing: Standing::new(field, index, (tiles, states)),
         }
     }
 
@@ -68,13 +67,13 @@ impl Block {
     /// Brings the coefficients to the newest weights. `new_weights`: they changed since the last call.
     pub(super) fn project(
         &mut self,
-        field: &Field<'_>,
+        (field, tiles): (&Field<'_>, &[Tile<'_>]),
         index: usize,
         levels: &Levels,
         kernel: Kernel,
         new_weights: bool,
     ) -> Projected {
-        let Some(tile) = self.tile.map(|tile| field.response().tile(tile)) else { return Projected::Kept };
+        let Some(tile) = self.tile.map(|tile| &tiles[tile]) else { return Projected::Kept };
         let step = levels.step().filter(|_| self.current && self.level == 0 && new_weights);
         let level = levels.get(self.level);
         if self.current && (!new_weights || step.is_some_and(|step| step.is_none())) {
@@ -84,24 +83,24 @@ impl Block {
         // A step reads little of V.
         let next = response.tiles_of(index + 1).next().filter(|_| step.is_none() && index + 1 < response.blocks());
         if let Some(next) = next {
-            Coefficients::prefetch_projection(&response.tile(next), kernel);
+            Coefficients::prefetch_projection(&tiles[next], kernel);
         }
         let how = match step {
             Some(step) => {
-                self.add(&tile, |c| step.values(c), kernel);
+                self.add(tile, |c| step.values(c), kernel);
                 Projected::Stepped
             }
             None => {
                 self.sums.fill(0);
-                self.add(&tile, |c| level.weights.values(c), kernel);
+                self.add(tile, |c| level.weights.values(c), kernel);
                 Projected::Whole
             }
         };
         let rank = tile.v_rank();
         let sums: [&[i32]; 3] = core::array::from_fn(|c| &self.sums[c * rank..(c + 1) * rank]);
-        self.coefficients.set_sums(&tile, sums, level.weights.exponent());
+        self.coefficients.set_sums(tile, sums, level.weights.exponent());
         if let Some(bounds) = levels.bounds(field) {
-            self.bound = bounds.block(index, &level.bound);
+            self.bound = bounds.block(index, &level.bound, kernel);
         }
         self.current = true;
         how

@@ -10,7 +10,7 @@ use relume_firmware::drawn::{Dimmest, ShownLight};
 use relume_firmware::field::Field;
 use relume_firmware::relight::{Coefficients, LinearTile, TileLight};
 use relume_firmware::surface::Surface;
-use relume_firmware::tile::{BLOCK_TILES, TILE_PX};
+use relume_firmware::tile::{BLOCK_TILES, TILE_PX, Tile};
 
 /// Tiles of a band or frame, by what became of them.
 #[derive(Clone, Copy, Default)]
@@ -53,6 +53,7 @@ enum Fate {
 /// What all bands of a frame share.
 pub(super) struct Drawing<'a> {
     pub(super) field: &'a Field<'a>,
+    pub(super) tiles: &'a [Tile<'a>],
     pub(super) compositor: Compositor<'a>,
     pub(super) levels: &'a Levels,
     pub(super) blocks: &'a [Block],
@@ -79,12 +80,13 @@ impl Drawing<'_> {
         let columns = states.len();
         for (column, state) in states.iter_mut().enumerate() {
             let index = row * columns + column;
+            let tile = &self.tiles[index];
             let block = &self.blocks[row / BLOCK_TILES * across + column / BLOCK_TILES];
             drew.empty += usize::from(state.empty);
             let limited = self.limited(block);
             let shown = self.light(block, limited.as_ref());
             if !self.for_time {
-                state.judge(index, self, (block, &shown));
+                state.judge(tile, self, (block, &shown));
             }
             let one = usize::from(!state.empty);
             let at = (column * TILE_PX, row * TILE_PX);
@@ -93,11 +95,11 @@ impl Drawing<'_> {
                 Fate::Stays if state.waits => drew.waiting += one,
                 Fate::Stays => drew.kept += one,
                 Fate::ChangesView => {
-                    self.compositor.view_alone((self.field, index), state.change_view(self.view), &mut linear, target);
+                    self.compositor.view_alone(tile, state.change_view(self.view), &mut linear, target);
                     *(if state.waits { &mut drew.waiting } else { &mut drew.composited }) += one;
                 }
                 Fate::IsDrawn => {
-                    self.draw(index, (state, block), &shown, &mut linear, target);
+                    self.draw(tile, (state, block), &shown, &mut linear, target);
                     drew.drawn += one;
                     drew.way_back += one * usize::from(block.level > 0);
                 }
@@ -114,7 +116,7 @@ impl Drawing<'_> {
     pub(super) fn judge(&self, index: usize, state: &mut TileState) {
         let block = &self.blocks[self.field.response().block_of(index)];
         let limited = self.limited(block);
-        state.judge(index, self, (block, &self.light(block, limited.as_ref())));
+        state.judge(&self.tiles[index], self, (block, &self.light(block, limited.as_ref())));
     }
 
     /// The light of a block, with no more ranks than the frame allows.
@@ -134,24 +136,23 @@ impl Drawing<'_> {
         }
     }
 
-    /// Draws tile number `index`.
+    /// Draws a tile.
     fn draw(
         &self,
-        index: usize,
+        tile: &Tile<'_>,
         (state, block): (&mut TileState, &Block),
         shown: &ShownLight<'_>,
         linear: &mut LinearTile,
         target: Target<'_, '_>,
     ) {
-        let (response, kernel) = (self.field.response(), self.compositor.kernel);
         let light = TileLight { sun: self.sun, weights: shown.weights, unpacked: self.unpacked };
-        if index + 1 < response.tiles() {
-            light.prefetch(&response.tile(index + 1), kernel);
+        if let Some(next) = self.tiles.get(tile.index + 1) {
+            light.prefetch(next, self.compositor.kernel);
         }
         let with = (shown.coefficients, &light);
-        let extent = self.compositor.tile((self.field, index), with, linear, state.edges_mut(), target);
+        let extent = self.compositor.tile((self.field, tile), with, linear, state.edges_mut(), target);
         if state.empty || self.levels.bounds_on() {
-            state.note(index, self, (block, shown), Dimmest::of_extent(extent));
+            state.note(tile, self, (block, shown), Dimmest::of_extent(extent));
         }
     }
 

@@ -110,8 +110,7 @@ impl Relighter<'_> {
         let changed = self.view.replace(view.identity).is_some_and(|old| old != view.identity);
         if changed && !self.live {
             self.live = true;
-            let states = self.states.iter_mut().enumerate();
-            states.for_each(|(index, state)| state.keep_edges(&self.field, index));
+            self.states.iter_mut().zip(&self.tiles).for_each(|(state, tile)| state.keep_edges(tile));
         }
     }
 
@@ -175,6 +174,7 @@ impl Relighter<'_> {
         let (unpacked, count) = self.levels.unpacked();
         work(&Drawing {
             field: &self.field,
+            tiles: &self.tiles,
             compositor: Compositor {
                 view: ViewPixels { pixels_xrgb: &view.pixels, stride: view.width },
                 light: &self.light,

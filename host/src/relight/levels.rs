@@ -7,6 +7,7 @@ use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
 use relume_firmware::levels::{LEVELS, apart};
 use relume_firmware::patches::MAX_PATCHES;
+use relume_firmware::tile::Tile;
 use relume_firmware::wayback::RowFacts;
 use relume_firmware::weights::{FixedWeights, MAX_STANDOUTS, WeightError, WeightStep};
 
@@ -20,6 +21,7 @@ pub(super) struct Level {
 
 /// The weights of one moment on all levels; the higher ones only as far as they are asked for.
 pub(super) struct Levels {
+    kernel: Kernel,
     levels: Vec<Level>,
     before: FixedWeights,
     step: WeightStep,
@@ -38,31 +40,30 @@ struct Unpacked {
 }
 
 impl Unpacked {
-    fn fill(&mut self, field: &Field<'_>, patch: u16, kernel: Kernel) {
-        let (response, way_back) = (field.response(), field.way_back());
-        let tiles = response.tiles();
-        self.codes.resize(response.plane_len(), 0);
-        self.facts.resize(tiles, RowFacts::default());
-        for index in 0..tiles {
+    fn fill(&mut self, field: &Field<'_>, tiles: &[Tile<'_>], patch: u16, kernel: Kernel) {
+        let way_back = field.way_back();
+        self.codes.resize(field.response().plane_len(), 0);
+        self.facts.resize(tiles.len(), RowFacts::default());
+        for (index, tile) in tiles.iter().enumerate() {
             // The rows of one patch are small and far from each other: memory is asked for a few tiles ahead.
-            if index + 4 < tiles {
+            if index + 4 < tiles.len() {
                 way_back.prefetch_entry(index + 4, patch.into(), kernel);
             }
-            if index + 2 < tiles {
+            if index + 2 < tiles.len() {
                 way_back.prefetch_rows(index + 2, patch.into(), kernel);
             }
-            let tile = response.tile(index);
             let place = tile.plane_at..tile.plane_at + 3 * tile.padded_pixels();
-            self.facts[index] = UnpackedRows::unpack(field, index, patch, kernel, &mut self.codes[place]);
+            self.facts[index] = UnpackedRows::unpack(field, tile, patch, kernel, &mut self.codes[place]);
         }
     }
 }
 
 impl Levels {
-    pub(super) fn new(field: &Field<'_>) -> Self {
+    pub(super) fn new(field: &Field<'_>, kernel: Kernel) -> Self {
         let patches = field.patch_set().len();
         let level = || Level { weights: FixedWeights::dark(patches), bound: BoundLight::DARK, ready: false };
         Levels {
+            kernel,
             levels: (0..LEVELS).map(|_| level()).collect(),
             before: FixedWeights::dark(patches),
             step: WeightStep::NONE,
@@ -76,7 +77,7 @@ impl Levels {
     }
 
     /// Unpacks the rows of the patches that outshine the sky now, where they did not before.
-    pub(super) fn unpack(&mut self, field: &Field<'_>, kernel: Kernel) {
+    pub(super) fn unpack(&mut self, field: &Field<'_>, tiles: &[Tile<'_>]) {
         let weights = &self.levels[0].weights;
         let is_apart =
             |patch: Option<u16>| patch.is_some_and(|patch| weights.apart().any(|apart| apart.patch == patch));
@@ -86,7 +87,7 @@ impl Levels {
             }
             let Some(slot) = self.unpacked.iter_mut().find(|known| !is_apart(known.patch)) else { return };
             slot.patch = Some(new.patch);
-            slot.fill(field, new.patch, kernel);
+            slot.fill(field, tiles, new.patch, self.kernel);
         }
     }
 
@@ -157,7 +158,7 @@ impl Levels {
     fn finish(&mut self, field: &Field<'_>, level: usize) {
         let level = &mut self.levels[level];
         if let Some(bounds) = field.bounds().filter(|_| self.bounds_on) {
-            bounds.light(&level.weights, &mut level.bound);
+            bounds.light(&level.weights, self.kernel, &mut level.bound);
         }
         level.ready = true;
     }

@@ -15,7 +15,7 @@ impl Relighter<'_> {
         let mut picture =
             Picture { width, height, rgb: vec![[0.0; 3]; width * height], alpha: vec![0.0; width * height] };
         let exposure = reading_exposure(&self.given, &self.field);
-        let mut levels = Levels::new(&self.field);
+        let mut levels = Levels::new(&self.field, self.kernel);
         // The same weights were accepted before, and the exposure is finite.
         if levels.set(&self.field, &self.given, exposure).is_err() {
             return picture;
@@ -41,12 +41,11 @@ impl Relighter<'_> {
                     let weights = &levels.get(blocks[field.response().block_of(index)].level).weights;
                     let light = TileLight { sun, weights, unpacked: &[] };
                     coefficients.project(&tile, weights, kernel, max_rank);
-                    coefficients.pixels(field, index, &light, kernel, &mut linear);
-                    let coverage = field.coverage(index);
+                    coefficients.pixels(field, &tile, &light, kernel, &mut linear);
                     for (k, pixel) in tile.covered().enumerate() {
                         let at = pixel / TILE_PX * width + column * TILE_PX + pixel % TILE_PX;
                         rgb[at] = linear.rgb(k).map(|value| (f64::from(value) * scale) as f32);
-                        alpha[at] = coverage.map_or(1.0, |c| f32::from(c[k]) / 255.0);
+                        alpha[at] = tile.coverage.map_or(1.0, |c| f32::from(c[k]) / 255.0);
                     }
                 }
             });

@@ -10,6 +10,7 @@ use relume_firmware::bound::CodeSlope;
 use relume_firmware::coefficients::{Coefficients, Sides, TileReach, TileSize};
 use relume_firmware::drawn::{Dimmest, HALF_CODE, Off};
 use relume_firmware::field::Field;
+use relume_firmware::tile::Tile;
 
 /// How far one tile has moved since it was drawn, and what shows that.
 #[derive(Clone, Copy, Debug)]
@@ -35,10 +36,9 @@ pub(super) struct Standing {
 
 impl Standing {
     /// Of block number `block`; `states` are all tiles'.
-    pub(super) fn new(field: &Field<'_>, block: usize, states: &[TileState]) -> Self {
-        let response = field.response();
-        let tiles = || response.tiles_of(block).filter(|&index| !states[index].empty);
-        let size_of = |index: usize| TileSize::of(&response.tile(index));
+    pub(super) fn new(field: &Field<'_>, block: usize, (all, states): (&[Tile<'_>], &[TileState])) -> Self {
+        let tiles = || field.response().tiles_of(block).filter(|&index| !states[index].empty);
+        let size_of = |index: usize| TileSize::of(&all[index]);
         let size = tiles().map(size_of).fold(TileSize::default(), TileSize::max);
         let mut reach = vec![0.0; tiles().map(|index| states[index].reach().0.len()).max().unwrap_or(0)];
         tiles().for_each(|index| states[index].reach().join(&size_of(index), &mut reach));

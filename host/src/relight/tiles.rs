@@ -6,8 +6,7 @@ use super::standing::Stand;
 use relume_firmware::coefficients::{Sides, TileReach};
 use relume_firmware::drawn::{Dimmest, DrawnTile, HALF_CODE, Off, ShownLight, SunDrift, dark_shares};
 use relume_firmware::edge::Edges;
-use relume_firmware::field::Field;
-use relume_firmware::tile::TILE_PIXELS;
+use relume_firmware::tile::{TILE_PIXELS, Tile};
 
 /// One tile's state.
 #[derive(Clone, Debug)]
@@ -45,10 +44,9 @@ pub(super) struct TileState {
 }
 
 impl TileState {
-    pub(super) fn new(field: &Field<'_>, index: usize) -> Self {
-        let tile = field.response().tile(index);
-        let mut reach = vec![0.0; TileReach::len_of(&tile)];
-        TileReach::measure(&tile, &mut reach);
+    pub(super) fn new(tile: &Tile<'_>) -> Self {
+        let mut reach = vec![0.0; TileReach::len_of(tile)];
+        TileReach::measure(tile, &mut reach);
         TileState {
             drawn: DrawnTile::NOTHING,
             is_drawn: false,
@@ -59,12 +57,12 @@ impl TileState {
             urgency: f32::INFINITY,
             waits: false,
             frames_waited: 0,
-            shows_view: tile.pixels() < TILE_PIXELS || field.coverage(index).is_some(),
+            shows_view: tile.pixels() < TILE_PIXELS || tile.coverage.is_some(),
             edges: Vec::new(),
-            edges_kept: Edges::light_len(field.coverage(index)) == 0,
+            edges_kept: Edges::light_len(tile) == 0,
             empty: tile.pixels() == 0,
             reach,
-            dark_shares: dark_shares(&tile),
+            dark_shares: dark_shares(tile),
             moved: None,
             drawn_now: false,
             shown_bound: (0.0, 0.0),
@@ -76,8 +74,8 @@ impl TileState {
     }
 
     /// Makes room for the light of the edge pixels: the view is live.
-    pub(super) fn keep_edges(&mut self, field: &Field<'_>, index: usize) {
-        self.edges.resize(Edges::light_len(field.coverage(index)), 0.0);
+    pub(super) fn keep_edges(&mut self, tile: &Tile<'_>) {
+        self.edges.resize(Edges::light_len(tile), 0.0);
     }
 
     /// Where the light of the edge pixels goes when the tile is drawn.
@@ -102,8 +100,8 @@ impl TileState {
         &self.edges
     }
 
-    /// Finds how urgent tile number `index` is in `light`. Also brings `shown_bound` up to date if it may stay or wait.
-    pub(super) fn judge(&mut self, index: usize, drawing: &Drawing<'_>, (block, light): (&Block, &ShownLight<'_>)) {
+    /// Finds how urgent the tile is in `light`. Also brings `shown_bound` up to date if it may stay or wait.
+    pub(super) fn judge(&mut self, tile: &Tile<'_>, drawing: &Drawing<'_>, (block, light): (&Block, &ShownLight<'_>)) {
         let level = block.level;
         self.waits = false;
         self.urgency = if !self.is_drawn || self.level != level {
@@ -117,7 +115,7 @@ impl TileState {
             (self.moment, self.shown_bound, self.moved) = (drawing.moment, bound, None);
             0.0
         } else {
-            self.change(index, drawing, (block, light)) * (1.0 + self.frames_waited as f32)
+            self.change(tile, drawing, (block, light)) * (1.0 + self.frames_waited as f32)
         };
     }
 
@@ -128,8 +126,8 @@ impl TileState {
     }
 
     /// Codes by which the light may have changed since the tile was drawn; 0 for less than a half.
-    fn change(&mut self, index: usize, drawing: &Drawing<'_>, (block, light): (&Block, &ShownLight<'_>)) -> f32 {
-        let tile = (drawing.field, index);
+    fn change(&mut self, tile: &Tile<'_>, drawing: &Drawing<'_>, (block, light): (&Block, &ShownLight<'_>)) -> f32 {
+        let tile = (drawing.field, tile);
         let error = Off::of(tile, light, (&block.coefficients, &block.bound));
         let moved = self.drawn.moved(tile, light, (&self.reach(), &self.sun), &error);
         self.moved = Some(moved.sky);
@@ -148,7 +146,7 @@ impl TileState {
     /// Remembers what is shown from now on.
     pub(super) fn note(
         &mut self,
-        index: usize,
+        tile: &Tile<'_>,
         drawing: &Drawing<'_>,
         (block, light): (&Block, &ShownLight<'_>),
         dimmest: Dimmest,
@@ -159,7 +157,7 @@ impl TileState {
         (self.level, self.view) = (block.level, drawing.view);
         self.sun.reset();
         (self.moved, self.drawn_now) = (Some(Default::default()), true);
-        self.note_bound(drawing, Off::of((drawing.field, index), light, (&block.coefficients, &block.bound)));
+        self.note_bound(drawing, Off::of((drawing.field, tile), light, (&block.coefficients, &block.bound)));
     }
 
     /// How far the sky's light has moved, if the tile shows that of `moment` and nothing but the sky's has moved.

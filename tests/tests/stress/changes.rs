@@ -29,8 +29,8 @@ impl Moment {
         let (mut coefficients, mut bound_light) = (Coefficients::ZERO, BoundLight::DARK);
         coefficients.project(&tile, &weights, Kernel::detect(), usize::MAX);
         let bounds = field.bounds().unwrap();
-        bounds.light(&weights, &mut bound_light);
-        let bound = bounds.block(field.response().block_of(index), &bound_light);
+        bounds.light(&weights, Kernel::SCALAR, &mut bound_light);
+        let bound = bounds.block(field.response().block_of(index), &bound_light, Kernel::SCALAR);
         Moment { weights, coefficients, bound, plane }
     }
 
@@ -42,7 +42,7 @@ impl Moment {
     fn draw(&self, field: &Field<'_>, index: usize, linear: &mut LinearTile) -> Dimmest {
         let light =
             TileLight { sun: Some((&self.plane, self.weights.sun_q16())), weights: &self.weights, unpacked: &[] };
-        let extent = self.coefficients.pixels(field, index, &light, Kernel::detect(), linear);
+        let extent = self.coefficients.pixels(field, &field.response().tile(index), &light, Kernel::detect(), linear);
         Dimmest::of_extent(extent)
     }
 }
@@ -69,8 +69,8 @@ fn hold(field: &Field<'_>, index: usize, before: &Moment, after: &Moment) -> Opt
     let mut looseness = None;
     for reach in [&reach[..], &[]] {
         let since = (&TileReach(reach), &drift);
-        let error = Off::of((field, index), &after.shown(), (&after.coefficients, &after.bound));
-        let off = drawn.moved((field, index), &after.shown(), since, &error);
+        let error = Off::of((field, &tile), &after.shown(), (&after.coefficients, &after.bound));
+        let off = drawn.moved((field, &tile), &after.shown(), since, &error);
         let bound = drawn.dimmest().codes(&CodeSlope::new(), &dark_shares(&tile), &off);
         assert!(f64::from(bound) * 1.0001 + 1e-3 >= truth, "tile {index}: {bound} is below {truth}; {off:?}");
         looseness.get_or_insert(bound / truth as f32);
