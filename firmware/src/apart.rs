@@ -1,6 +1,5 @@
 //! Patches apart: their own rows -> light beside that of the factors.
 
-use crate::coefficients::row_unit;
 use crate::field::Field;
 use crate::kernel::{Kernel, RowsLight, UNIT_LIMIT};
 use crate::relight::{LinearTile, TileLight};
@@ -22,7 +21,13 @@ pub struct UnpackedRows<'a> {
     pub facts: &'a [RowFacts],
 }
 
-impl UnpackedRows<'_> {
+impl<'a> UnpackedRows<'a> {
+    /// A patch's out of `all`, where they most likely lie at `place`.
+    pub fn of<'l>(all: &'l [UnpackedRows<'a>], place: usize, patch: u16) -> Option<&'l UnpackedRows<'a>> {
+        let is_it = |unpacked: &&UnpackedRows<'_>| unpacked.patch == patch;
+        all.get(place).filter(is_it).or_else(|| all.iter().find(is_it))
+    }
+
     /// Unpacks the rows of `patch` in a tile into its slot of `codes`, `[3][padded pixels]`.
     pub fn unpack(field: &Field<'_>, tile: &Tile<'_>, patch: u16, kernel: Kernel, slot: &mut [u8]) -> RowFacts {
         let Some(rows) = field.way_back().get(tile, usize::from(patch)) else { return RowFacts::default() };
@@ -34,9 +39,14 @@ impl UnpackedRows<'_> {
     }
 }
 
-/// What is known of a patch's rows in a tile, from `unpacked` if they are there; all 0 without rows.
-pub fn row_facts(field: &Field<'_>, tile: &Tile<'_>, patch: u16, unpacked: &[UnpackedRows<'_>]) -> RowFacts {
-    match unpacked.iter().find(|unpacked| unpacked.patch == patch) {
+/// What is known of a patch's rows in a tile, from `unpacked` if they are there ([`UnpackedRows::of`]); all 0 without rows.
+pub fn row_facts(
+    (field, tile): (&Field<'_>, &Tile<'_>),
+    unpacked: &[UnpackedRows<'_>],
+    place: usize,
+    patch: u16,
+) -> RowFacts {
+    match UnpackedRows::of(unpacked, place, patch) {
         Some(unpacked) => unpacked.facts[tile.index],
         None => field.way_back().get(tile, patch.into()).map_or(RowFacts::default(), |rows| rows.facts()),
     }
@@ -50,8 +60,8 @@ pub fn add_rows(
     kernel: Kernel,
     out: &mut LinearTile,
 ) -> bool {
-    let is_unpacked = |apart: Apart| light.unpacked.iter().any(|unpacked| unpacked.patch == apart.patch);
-    if light.weights.apart().all(is_unpacked) {
+    let is_unpacked = |(place, apart): (usize, Apart)| UnpackedRows::of(light.unpacked, place, apart.patch).is_some();
+    if light.weights.apart().enumerate().all(is_unpacked) {
         return light.weights.apart().next().is_some() && add_with((field, tile), light, kernel, &mut [], out);
     }
     let mut room = [[0; 3 * TILE_PIXELS]; AT_ONCE];
@@ -68,8 +78,8 @@ fn add_with(
 ) -> bool {
     let n = tile.padded_pixels();
     let (mut any, mut shining) = (false, Shining::default());
-    for Apart { patch, light: weight } in light.weights.apart() {
-        let unpacked = light.unpacked.iter().find(|unpacked| unpacked.patch == patch);
+    for (place, Apart { patch, light: weight }) in light.weights.apart().enumerate() {
+        let unpacked = UnpackedRows::of(light.unpacked, place, patch);
         let packed = || field.way_back().get(tile, patch.into());
         let facts = unpacked.map(|unpacked| unpacked.facts[tile.index]).or_else(|| Some(packed()?.facts()));
         let Some(facts) = facts.filter(|facts| facts.top > 0) else { continue };
@@ -77,7 +87,7 @@ fn add_with(
             out.planes(n).into_iter().for_each(|plane| plane.fill(0.0));
             any = true;
         }
-        let unit = core::array::from_fn(|c| (facts.unit * weight[c] * row_unit(tile, c)).min(UNIT_LIMIT));
+        let unit = core::array::from_fn(|c| (facts.unit * weight[c] * tile.row_unit(c)).min(UNIT_LIMIT));
         if !facts.fit_bytes() {
             packed().into_iter().for_each(|rows| add_wide(&rows, &unit, tile, out));
             continue;

@@ -89,6 +89,43 @@ impl<'a> Bounds<'a> {
         &self.records[block * self.record_len()..][..self.record_len()]
     }
 
+    /// Patches of the modes.
+    pub fn patches(&self) -> usize {
+        self.patches
+    }
+
+    /// Modes of the prior.
+    pub fn modes(&self) -> usize {
+        self.modes
+    }
+
+    /// What mode `k` has of a patch.
+    pub fn mode_at(&self, k: usize, patch: usize) -> f32 {
+        f32_at(self.basis, BASIS_HEADER + 4 * (k * self.patches + patch))
+    }
+
+    /// Leaves of `light`, a value per patch, what no mode has, and tells how much each had. Each mode takes its part of
+    /// what the ones before left: the same as all at once for orthonormal modes.
+    #[inline(always)]
+    pub(crate) fn take_modes(&self, light: &mut [f32], mut tell: impl FnMut(usize, f32)) {
+        for k in 0..self.modes {
+            let part = dot(self.mode(k), light);
+            self.add_mode(k, -part, light);
+            tell(k, part);
+        }
+    }
+
+    /// Adds `part` times mode `k`.
+    #[inline(always)]
+    pub(crate) fn add_mode(&self, k: usize, part: f32, light: &mut [f32]) {
+        light.iter_mut().zip(self.mode(k)).for_each(|(light, z)| *light += part * f32::from_le_bytes(*z));
+    }
+
+    #[inline(always)]
+    fn mode(&self, k: usize) -> &'a [[u8; 4]] {
+        self.basis[BASIS_HEADER + 4 * k * self.patches..][..4 * self.patches].as_chunks::<4>().0
+    }
+
     /// Splits the weights over the modes and groups.
     pub fn light(&self, weights: &FixedWeights, kernel: Kernel, out: &mut BoundLight) {
         kernel.widely(Split { bounds: self, weights, out });
@@ -120,21 +157,15 @@ impl Loops for Split<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Split { bounds: Bounds { basis, modes, patches, .. }, weights, out } = self;
+        let Split { bounds, weights, out } = self;
         for c in 0..3 {
             let mut rest = [0.0f32; padded(MAX_PATCHES)];
-            let rest = &mut rest[..*patches];
+            let rest = &mut rest[..bounds.patches];
             rest.iter_mut().zip(weights.value_q(c)).for_each(|(r, &q)| *r = f32::from(q));
             let squares = &mut out.squares[c];
             squares.fill(0.0);
-            // Each mode takes its part of what the ones before left: the same as all at once for orthonormal modes.
-            for (k, square) in squares.iter_mut().enumerate().take(*modes) {
-                let mode = basis[BASIS_HEADER + 4 * k * patches..][..4 * patches].as_chunks::<4>().0;
-                let part = dot(mode, rest);
-                rest.iter_mut().zip(mode).for_each(|(r, z)| *r -= part * f32::from_le_bytes(*z));
-                *square = part * part;
-            }
-            for (square, group) in squares[*modes..].iter_mut().zip(rest.chunks(GROUP)) {
+            bounds.take_modes(rest, |k, part| squares[k] = part * part);
+            for (square, group) in squares[bounds.modes..].iter_mut().zip(rest.chunks(GROUP)) {
                 *square = group.iter().map(|r| r * r).sum();
             }
             out.half_count[c] = 0.5 * libm::scalbnf(1.0, weights.exponent()[c]);

@@ -138,12 +138,6 @@ pub fn project_channel(tile: &Tile<'_>, channel: usize, values: Values<'_>, kern
     kernel.project(&Projection { v, weights: values.value_q, lit_blocks: values.lit_blocks }, sums);
 }
 
-/// What one count of a row scale means.
-pub(crate) fn row_unit(tile: &Tile<'_>, channel: usize) -> f32 {
-    // The checked range is that of normal floats (tile.rs).
-    f32::from_bits(((i32::from(tile.record.row_exponent[channel]) + 127) as u32) << 23)
-}
-
 /// How far something moves at most, down and up; neither is negative.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sides {
@@ -183,7 +177,7 @@ pub struct TileSize {
 impl TileSize {
     /// Of a tile.
     pub fn of(tile: &Tile<'_>) -> Self {
-        TileSize { rank: tile.rank(), row_unit: core::array::from_fn(|c| row_unit(tile, c)) }
+        TileSize { rank: tile.rank(), row_unit: core::array::from_fn(|c| tile.row_unit(c)) }
     }
 
     /// The larger of both.

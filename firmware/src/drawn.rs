@@ -23,7 +23,7 @@ pub struct ShownLight<'a> {
     pub coefficients: &'a Coefficients,
     /// The weights they came from: patches that these set apart are shown by their own rows.
     pub weights: &'a FixedWeights,
-    /// Those of them whose rows are unpacked already.
+    /// Those of them whose rows are unpacked already, best in the order of the weights.
     pub unpacked: &'a [UnpackedRows<'a>],
     /// The sun's weight; 0: no sun.
     pub sun_q16: [u32; 3],
@@ -229,8 +229,8 @@ impl Off {
     ) -> Off {
         let mut off = Off::of_factors(light.coefficients, (all, block_bound), &TileSize::of(tile));
         let mut squares = [0.0f32; 3];
-        for apart in light.weights.apart() {
-            let facts = row_facts(field, tile, apart.patch, light.unpacked);
+        for (place, apart) in light.weights.apart().enumerate() {
+            let facts = row_facts((field, tile), light.unpacked, place, apart.patch);
             let (error, rest, unit) = (facts.error() * SLACK, facts.rest * SLACK, facts.unit * SLACK);
             for c in 0..3 {
                 let light = apart.light[c] * tile.row_top(c);
@@ -346,16 +346,16 @@ impl DrawnTile {
     fn rows_change(&self, field: &Field<'_>, tile: &Tile<'_>, light: &ShownLight<'_>) -> [f32; 3] {
         let (old, new) = (&self.apart[..self.apart_count], light.weights);
         let mut sum = [0.0f32; 3];
-        let mut add = |patch: u16, before: [f32; 3], after: [f32; 3]| {
-            let largest = row_facts(field, tile, patch, light.unpacked).largest() * SLACK;
+        let mut add = |place: usize, patch: u16, before: [f32; 3], after: [f32; 3]| {
+            let largest = row_facts((field, tile), light.unpacked, place, patch).largest() * SLACK;
             (0..3).for_each(|c| sum[c] += (after[c] - before[c]).abs() * largest * tile.row_top(c));
         };
-        for apart in new.apart() {
+        for (place, apart) in new.apart().enumerate() {
             let before = old.iter().find(|o| o.patch == apart.patch).map_or([0.0; 3], |o| o.light);
-            add(apart.patch, before, apart.light);
+            add(place, apart.patch, before, apart.light);
         }
         for gone in old.iter().filter(|o| new.apart().all(|a| a.patch != o.patch)) {
-            add(gone.patch, gone.light, [0.0; 3]);
+            add(usize::MAX, gone.patch, gone.light, [0.0; 3]);
         }
         sum
     }

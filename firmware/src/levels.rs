@@ -1,12 +1,14 @@
 //! The way back in levels: how many patches are shown by their own rows instead of through the factors.
 
-use crate::patches::MAX_PATCHES;
-use crate::weights::{MAX_STANDOUTS, standouts};
+use crate::bound::Bounds;
+use crate::kernel::Kernel;
+use crate::weights::{Apart, EXCESS_TIMES_MEAN, LightApart, MAX_STANDOUTS, MOST_STANDOUTS, standouts};
 
 /// Levels there are.
 pub const LEVELS: usize = 4;
-/// Most patches apart per level; level 0 sets apart only what outshines the sky.
-const PATCHES_APART: [usize; LEVELS] = [MAX_STANDOUTS, 24, 96, MAX_PATCHES];
+/// Most patches that a level below the highest sets part of apart; level 0 only of those that clearly outshine what is
+/// expected. The highest sets all light apart.
+const STANDOUTS: [usize; LEVELS - 1] = [MAX_STANDOUTS, 24, MOST_STANDOUTS];
 /// A block tries a lower level when its bounds are under this share of the error budget: far enough from it that it does
 /// not come back with every frame.
 const LOWER_SHARE: f32 = 0.5;
@@ -23,22 +25,20 @@ pub fn may_be_lower(bound_codes: f32, budget_codes: f32) -> bool {
     bound_codes < LOWER_SHARE * budget_codes
 }
 
-/// The patches that a level sets apart under this light; how many of `out` were written.
-pub fn apart(level: usize, radiance_linear: &[[f32; 3]], out: &mut [u16; MAX_PATCHES]) -> usize {
-    if level == 0 {
-        let mut brightest = [0u16; MAX_STANDOUTS];
-        let count = standouts(radiance_linear, &mut brightest);
-        out[..count].copy_from_slice(&brightest[..count]);
-        return count;
-    }
-    let bright = |patch: u16| radiance_linear[usize::from(patch)].into_iter().fold(0.0, f32::max);
-    let mut lit = 0;
-    for patch in (0..radiance_linear.len().min(MAX_PATCHES) as u16).filter(|&patch| bright(patch) > 0.0) {
-        out[lit] = patch;
-        lit += 1;
-    }
-    out[..lit].sort_unstable_by(|&a, &b| bright(b).total_cmp(&bright(a)).then(a.cmp(&b)));
-    lit.min(PATCHES_APART[level])
+/// The light that a level sets apart, in radiance. `bounds` are the field's: without them only the highest level sets any
+/// apart. `room` is for a list.
+pub fn apart<'r>(
+    level: usize,
+    bounds: Option<&Bounds<'_>>,
+    radiance_linear: &[[f32; 3]],
+    kernel: Kernel,
+    room: &'r mut [Apart; MOST_STANDOUTS],
+) -> LightApart<'r> {
+    let Some(&most) = STANDOUTS.get(level) else { return LightApart::All };
+    let times_mean = if level == 0 { EXCESS_TIMES_MEAN } else { 0.0 };
+    let room = &mut room[..most];
+    let count = bounds.map_or(0, |bounds| standouts(bounds, radiance_linear, times_mean, kernel, room));
+    LightApart::Some(&room[..count])
 }
 
 #[cfg(test)]
@@ -46,16 +46,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn higher_levels_set_the_brightest_lit_patches_apart() {
-        let mut sky = [[0.0f32; 3]; 120];
-        (0..110).for_each(|patch| sky[patch] = [0.5, 1.0 + (patch * 37 % 110) as f32, 0.0]);
-        let mut out = [0; MAX_PATCHES];
-        assert_eq!(apart(0, &sky, &mut out), 0, "nothing outshines the sky");
-        for (level, count) in [(1, 24), (2, 96), (3, 110)] {
-            assert_eq!(apart(level, &sky, &mut out), count);
-            let light = |k: usize| sky[usize::from(out[k])][1];
-            assert!((1..count).all(|k| light(k - 1) > light(k)) && light(0) == 110.0);
+    fn the_highest_level_sets_all_light_apart_and_without_modes_no_other_does() {
+        let (sky, mut room) = ([[1.0f32; 3]; 120], [Apart::default(); MOST_STANDOUTS]);
+        for level in 0..LEVELS - 1 {
+            assert!(matches!(apart(level, None, &sky, Kernel::SCALAR, &mut room), LightApart::Some([])));
         }
+        assert!(matches!(apart(LEVELS - 1, None, &sky, Kernel::SCALAR, &mut room), LightApart::All));
     }
 
     #[test]

@@ -2,7 +2,6 @@
 
 use crate::apart::{UnpackedRows, add_rows};
 pub use crate::coefficients::Coefficients;
-use crate::coefficients::row_unit;
 use crate::field::Field;
 use crate::kernel::{Extent, Kernel, Linear, Reconstruction, UNIT_LIMIT};
 use crate::tile::{TILE_PIXELS, Tile};
@@ -16,7 +15,7 @@ pub struct TileLight<'a> {
     pub sun: Option<(&'a [u16], [u32; 3])>,
     /// The weights that the coefficients came from: patches that they set apart are added by their own rows.
     pub weights: &'a FixedWeights,
-    /// Those of them whose rows are unpacked already.
+    /// Those of them whose rows are unpacked already, best in the order of the weights.
     pub unpacked: &'a [UnpackedRows<'a>],
 }
 
@@ -29,8 +28,8 @@ impl TileLight<'_> {
         if let Some((plane, _)) = self.sun {
             kernel.prefetch(&plane[slot.clone()]);
         }
-        for apart in self.weights.apart() {
-            if let Some(unpacked) = self.unpacked.iter().find(|unpacked| unpacked.patch == apart.patch) {
+        for (place, apart) in self.weights.apart().enumerate() {
+            if let Some(unpacked) = UnpackedRows::of(self.unpacked, place, apart.patch) {
                 kernel.prefetch(&unpacked.codes[slot.clone()]);
             }
         }
@@ -48,7 +47,7 @@ impl Coefficients {
     pub fn job<'a>(&'a self, tile: &Tile<'a>, sun: Option<(&'a [u16], [u32; 3])>) -> Reconstruction<'a> {
         let n = tile.padded_pixels();
         let pairs = self.rank().min(tile.rank()) / 2;
-        let unit = |c: usize| (self.unit[c] * row_unit(tile, c)).min(UNIT_LIMIT);
+        let unit = |c: usize| (self.unit[c] * tile.row_unit(c)).min(UNIT_LIMIT);
         Reconstruction {
             u: tile.u,
             pixels: n,

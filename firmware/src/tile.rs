@@ -142,9 +142,15 @@ impl<'a> Tile<'a> {
         rows.iter().map(|row| u16::from_le_bytes(*row))
     }
 
+    /// What one count of a row scale of channel `c` means.
+    pub fn row_unit(&self, c: usize) -> f32 {
+        // The checked range is that of normal floats.
+        f32::from_bits(((i32::from(self.record.row_exponent[c]) + 127) as u32) << 23)
+    }
+
     /// What the largest row scale (65535) of channel `c` means.
     pub fn row_top(&self, c: usize) -> f32 {
-        libm::scalbnf(65535.0, i32::from(self.record.row_exponent[c]))
+        65535.0 * self.row_unit(c)
     }
 
     /// The covered pixels as `y*16 + x`, ascending: the order of everything stored per pixel.

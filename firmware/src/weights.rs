@@ -11,7 +11,7 @@ mod step;
 
 use crate::patches::MAX_PATCHES;
 use crate::tile::{LANE_PAD, padded};
-pub use standouts::{MAX_STANDOUTS, STANDOUT_TIMES_MEAN, standouts};
+pub use standouts::{EXCESS_TIMES_MEAN, MAX_STANDOUTS, MOST_STANDOUTS, standouts};
 pub use step::WeightStep;
 
 /// Most patches, padded.
@@ -80,19 +80,33 @@ pub struct FixedWeights {
     lit_blocks: usize,
     dark_patches: usize,
     sun_q16: [u32; 3],
-    /// Patches left out of `value_q`, and radiance times exposure of each.
+    /// Patches whose light is not all in `value_q`, and how much of it, in radiance times exposure, is not.
     apart: [u16; MAX_PATCHES],
     apart_light: [[f32; 3]; MAX_PATCHES],
     apart_count: usize,
 }
 
-/// A patch whose own rows are added instead of going through the factors (wayback.rs).
+/// Light of a patch that is shown by the patch's own rows (wayback.rs) instead of through the factors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Apart {
     /// Patch.
     pub patch: u16,
-    /// Radiance times exposure.
+    /// RGB: radiance where it is given, radiance times exposure in [`FixedWeights`].
     pub light: [f32; 3],
+}
+
+/// What part of a light is shown by the patches' own rows.
+#[derive(Clone, Copy, Debug)]
+pub enum LightApart<'a> {
+    /// Some light of some patches.
+    Some(&'a [Apart]),
+    /// All light of all patches.
+    All,
+}
+
+impl LightApart<'_> {
+    /// Nothing.
+    pub const NONE: LightApart<'static> = LightApart::Some(&[]);
 }
 
 /// Exponents are kept in this range so that shifts stay small.
@@ -118,8 +132,8 @@ impl FixedWeights {
         }
     }
 
-    /// Quantises `radiance_linear` (RGB per patch, in the field's order) and the sun, both times `exposure`. The patches
-    /// `apart` are left out and kept in [`FixedWeights::apart`].
+    /// Quantises `radiance_linear` (RGB per patch, in the field's order) and the sun, both times `exposure`. The radiance
+    /// `apart` is taken out and kept in [`FixedWeights::apart`]; it names patches of the field, each once.
     ///
     /// # Errors
     /// [`WeightError`] for a wrong count, or a NaN, infinite or negative number; `self` is then as before.
@@ -128,12 +142,12 @@ impl FixedWeights {
         radiance_linear: &[[f32; 3]],
         sun: Option<&SunWeight>,
         exposure: f32,
-        apart: &[u16],
+        apart: LightApart<'_>,
     ) -> Result<(), WeightError> {
         self.check(radiance_linear, sun, exposure)?;
         self.set_apart(radiance_linear, exposure, apart);
         for channel in 0..3 {
-            self.set_channel(channel, radiance_linear, exposure);
+            self.set_channel(channel, radiance_linear, exposure, apart);
         }
         self.find_lit();
         self.sun_q16 = sun.map_or([0; 3], |sun| sun.irradiance.map(|e| sun_q16(e * exposure)));
@@ -163,25 +177,36 @@ impl FixedWeights {
         Ok(())
     }
 
-    fn set_apart(&mut self, radiance: &[[f32; 3]], exposure: f32, apart: &[u16]) {
+    fn set_apart(&mut self, radiance: &[[f32; 3]], exposure: f32, apart: LightApart<'_>) {
         self.apart_count = 0;
-        for &patch in apart.iter().take(MAX_PATCHES) {
-            if let Some(rgb) = radiance.get(usize::from(patch)) {
-                self.apart[self.apart_count] = patch;
-                self.apart_light[self.apart_count] = rgb.map(|value| (value * exposure).min(MAX_LIGHT as f32));
-                self.apart_count += 1;
+        let mut add = |patch: u16, light: [f32; 3]| {
+            self.apart[self.apart_count] = patch;
+            self.apart_light[self.apart_count] = light.map(|value| (value * exposure).min(MAX_LIGHT as f32));
+            self.apart_count += 1;
+        };
+        match apart {
+            LightApart::Some(some) => some.iter().take(MAX_PATCHES).for_each(|one| add(one.patch, one.light)),
+            LightApart::All => {
+                let lit = radiance.iter().enumerate().filter(|(_, light)| light.iter().any(|&v| v > 0.0));
+                lit.for_each(|(patch, light)| add(patch as u16, *light));
             }
         }
     }
 
-    fn set_channel(&mut self, channel: usize, radiance: &[[f32; 3]], exposure: f32) {
+    fn set_channel(&mut self, channel: usize, radiance: &[[f32; 3]], exposure: f32, apart: LightApart<'_>) {
         let (wide, mut largest, mut sum) = (f64::from(exposure), 0f64, 0f64);
-        let mut values = [0f32; MAX_PADDED];
-        values.iter_mut().zip(radiance).for_each(|(value, rgb)| *value = rgb[channel]);
-        self.apart[..self.apart_count].iter().for_each(|&patch| values[usize::from(patch)] = 0.0);
+        let mut values = [0f64; MAX_PADDED];
+        values.iter_mut().zip(radiance).for_each(|(value, rgb)| *value = rgb[channel].into());
+        match apart {
+            LightApart::Some(some) => some.iter().take(MAX_PATCHES).for_each(|one| {
+                let value = &mut values[usize::from(one.patch)];
+                *value = (*value - f64::from(one.light[channel])).max(0.0);
+            }),
+            LightApart::All => values.fill(0.0),
+        }
         let values = &values[..radiance.len()];
         for &value in values {
-            let value = (f64::from(value) * wide).min(MAX_LIGHT);
+            let value = (value * wide).min(MAX_LIGHT);
             largest = largest.max(value);
             sum += value;
         }
@@ -194,7 +219,7 @@ impl FixedWeights {
         let exponent = if self.exponent[channel] == least + 1 { least + 1 } else { least };
         let (scale, top) = (libm::scalbn(wide, -exponent), libm::scalbn(MAX_LIGHT, -exponent).min(32767.0));
         for (q, &value) in self.value_q[channel].iter_mut().zip(values) {
-            *q = libm::rint((f64::from(value) * scale).min(top)) as i16;
+            *q = libm::rint((value * scale).min(top)) as i16;
         }
         self.exponent[channel] = exponent;
     }
@@ -211,7 +236,7 @@ impl FixedWeights {
         self.dark_patches = (0..self.patches).filter(|&patch| !lit_at(self, patch)).count();
     }
 
-    /// Patches left out of the values.
+    /// The light that was taken out of the values.
     pub fn apart(&self) -> impl Iterator<Item = Apart> + '_ {
         let known = self.apart[..self.apart_count].iter().zip(&self.apart_light);
         known.map(|(&patch, &light)| Apart { patch, light })
@@ -290,7 +315,7 @@ mod tests {
         for scale in [1e-12f32, 1e-3, 1.0, 7.3e4, 1e12] {
             let sky: vec::Vec<[f32; 3]> =
                 (0..272).map(|i| [scale * (i as f32 + 1.0), scale, scale * 0.5 / (i as f32 + 1.0)]).collect();
-            weights.set(&sky, None, 0.25, &[]).unwrap();
+            weights.set(&sky, None, 0.25, LightApart::NONE).unwrap();
             for c in 0..3 {
                 let unit = 2f64.powi(weights.exponent()[c]);
                 let largest = sky.iter().map(|rgb| f64::from(rgb[c])).fold(0.0, f64::max) * 0.25;
@@ -305,7 +330,7 @@ mod tests {
     #[test]
     fn the_sum_stays_in_its_bound_at_the_most_patches() {
         let mut weights = FixedWeights::dark(MAX_PATCHES);
-        weights.set(&vec![[3.0e7; 3]; MAX_PATCHES], None, 1.0, &[]).unwrap();
+        weights.set(&vec![[3.0e7; 3]; MAX_PATCHES], None, 1.0, LightApart::NONE).unwrap();
         let sum: i64 = weights.value_q(0).iter().map(|&q| i64::from(q)).sum();
         assert!(sum <= MAX_SUM && sum > MAX_SUM / 4);
     }
@@ -315,7 +340,7 @@ mod tests {
     fn the_sum_stays_in_its_bound_at_the_brightest_light() {
         let mut weights = FixedWeights::dark(MAX_PATCHES);
         for (radiance, exposure) in [(f32::MAX, 1.0), (1e38, 0.5), (f32::MAX, f32::MAX), (1.0, f32::MAX)] {
-            weights.set(&vec![[radiance; 3]; MAX_PATCHES], None, exposure, &[]).unwrap();
+            weights.set(&vec![[radiance; 3]; MAX_PATCHES], None, exposure, LightApart::NONE).unwrap();
             let sum: i64 = weights.value_q(2).iter().map(|&q| i64::from(q)).sum();
             assert!(sum <= MAX_SUM && sum > MAX_SUM / 4, "{radiance} {exposure}: {sum}");
         }
@@ -327,13 +352,16 @@ mod tests {
         for bad in [f32::NAN, f32::INFINITY, -1.0] {
             let mut sky = vec![[1.0; 3]; 16];
             sky[5][1] = bad;
-            assert!(matches!(weights.set(&sky, None, 1.0, &[]), Err(WeightError::Radiance { patch: 5, .. })));
+            assert!(matches!(
+                weights.set(&sky, None, 1.0, LightApart::NONE),
+                Err(WeightError::Radiance { patch: 5, .. })
+            ));
         }
         let sky = vec![[1.0; 3]; 16];
-        assert!(matches!(weights.set(&sky[1..], None, 1.0, &[]), Err(WeightError::Count { .. })));
-        assert!(matches!(weights.set(&sky, None, 0.0, &[]), Err(WeightError::Exposure(_))));
+        assert!(matches!(weights.set(&sky[1..], None, 1.0, LightApart::NONE), Err(WeightError::Count { .. })));
+        assert!(matches!(weights.set(&sky, None, 0.0, LightApart::NONE), Err(WeightError::Exposure(_))));
         let sun = SunWeight { dir_world: [0.0, 2.0, 0.0], irradiance: [1.0; 3] };
-        assert_eq!(weights.set(&sky, Some(&sun), 1.0, &[]), Err(WeightError::Sun));
+        assert_eq!(weights.set(&sky, Some(&sun), 1.0, LightApart::NONE), Err(WeightError::Sun));
     }
 
     #[test]
@@ -341,10 +369,16 @@ mod tests {
         let mut weights = FixedWeights::dark(32);
         let mut sky = vec![[1.0; 3]; 32];
         sky[7] = [1000.0, 500.0, 250.0];
-        weights.set(&sky, None, 0.5, &[7]).unwrap();
+        weights.set(&sky, None, 0.5, LightApart::Some(&[Apart { patch: 7, light: sky[7] }])).unwrap();
         assert_eq!(weights.value_q(0)[7], 0);
         assert!(weights.value_q(0)[6] > 16000, "the bright patch no longer rules the scale");
         assert!(weights.apart().eq([Apart { patch: 7, light: [500.0, 250.0, 125.0] }]));
+        // Only a part of it: what is left goes through the factors.
+        let part = [Apart { patch: 7, light: [999.0, 500.0, 0.0] }];
+        weights.set(&sky, None, 0.5, LightApart::Some(&part)).unwrap();
+        assert_eq!(weights.value_q(0)[7], weights.value_q(0)[6]);
+        assert_eq!(weights.value_q(1)[7], 0);
+        assert!(weights.value_q(2)[7] > 16000);
     }
 
     #[test]
@@ -353,7 +387,7 @@ mod tests {
         let mut seen = vec![];
         for k in 0..100 {
             let value = if k % 2 == 0 { 0.999 } else { 1.001 } * 32767.0 / 16384.0;
-            weights.set(&[[value; 3]; 16], None, 1.0, &[]).unwrap();
+            weights.set(&[[value; 3]; 16], None, 1.0, LightApart::NONE).unwrap();
             seen.push(weights.exponent()[0]);
         }
         assert!(seen[2..].windows(2).all(|pair| pair[0] == pair[1]));
@@ -364,10 +398,10 @@ mod tests {
         let mut weights = FixedWeights::dark(32);
         let mut sky = vec![[0.0; 3]; 32];
         sky[20] = [f32::from_bits(1); 3];
-        weights.set(&sky, None, 1.0, &[]).unwrap();
+        weights.set(&sky, None, 1.0, LightApart::NONE).unwrap();
         assert_eq!((weights.lit_blocks().len(), weights.dark_patches()), (0, 32));
         sky[20] = [1.0; 3];
-        weights.set(&sky, None, 1.0, &[]).unwrap();
+        weights.set(&sky, None, 1.0, LightApart::NONE).unwrap();
         assert_eq!((weights.lit_blocks(), weights.dark_patches()), (&[1u8][..], 31));
     }
 }

@@ -9,7 +9,7 @@ use relume_firmware::kernel::Kernel;
 use relume_firmware::relight::{LinearTile, TileLight};
 use relume_firmware::tile::Tile;
 use relume_firmware::tone::srgb_code;
-use relume_firmware::weights::FixedWeights;
+use relume_firmware::weights::{Apart, FixedWeights, LightApart};
 
 /// Largest of something over a tile's pixels and channels: linear, over (row scale / 65535)^0.583, and in codes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -74,12 +74,12 @@ impl<'a> Examiner<'a> {
         }
     }
 
-    /// Takes a light; the patches `apart` are shown by their own rows.
+    /// Takes a light; the part of it that is `apart` is shown by the patches' own rows.
     ///
     /// # Panics
     /// If the light is refused.
-    pub fn set(&mut self, light: &[[f32; 3]], exposure: f32, apart: &[u16]) {
-        self.weights.set(light, None, exposure, apart).expect("a light that is taken");
+    pub fn set(&mut self, light: &[[f32; 3]], exposure: f32, apart: &[Apart]) {
+        self.weights.set(light, None, exposure, LightApart::Some(apart)).expect("a light that is taken");
         self.field.bounds().expect("bounds").light(&self.weights, self.kernel, &mut self.bound_light);
     }
 

@@ -2,6 +2,7 @@
 
 use crate::stressfield::scatter;
 use relume_firmware::patches::PatchSet;
+use relume_firmware::weights::Apart;
 
 /// Radiance per patch; the exposure is 1.
 pub type PatchLight = Vec<[f32; 3]>;
@@ -21,6 +22,11 @@ impl Chance {
     pub fn below(&mut self, n: usize) -> usize {
         (self.unit() * n as f32) as usize
     }
+}
+
+/// All light of these patches, to be set apart.
+pub fn whole(light: &PatchLight, patches: &[u16]) -> Vec<Apart> {
+    patches.iter().map(|&patch| Apart { patch, light: light[usize::from(patch)] }).collect()
 }
 
 /// One patch, and no other.

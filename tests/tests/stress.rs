@@ -9,5 +9,7 @@ mod bounds;
 mod changes;
 #[path = "stress/frames.rs"]
 mod frames;
+#[path = "stress/standouts.rs"]
+mod standouts;
 #[path = "stress/steps.rs"]
 mod steps;

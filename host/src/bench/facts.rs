@@ -1,8 +1,9 @@
 //! What a field says about itself that the bench reports: covered pixels and bytes read.
 
 use relume_firmware::field::Field;
+use relume_firmware::kernel::Kernel;
 use relume_firmware::tile::{TILE_PX, TILE_RECORD};
-use relume_firmware::weights::{MAX_STANDOUTS, standouts};
+use relume_firmware::weights::{Apart, EXCESS_TIMES_MEAN, MAX_STANDOUTS, standouts};
 
 use super::method::BenchSky;
 
@@ -42,10 +43,11 @@ pub fn bytes_read(field: &Field<'_>, max_rank: usize, sun: bool) -> usize {
 
 /// Bytes of the way back that a full frame reads under a sky: the rows of the patches that outshine it.
 pub fn way_back_bytes(field: &Field<'_>, sky: &BenchSky) -> usize {
-    let mut patches = [0; MAX_STANDOUTS];
-    let count = standouts(&sky.weights.radiance, &mut patches);
+    let mut patches = [Apart::default(); MAX_STANDOUTS];
+    let bright = |bounds| standouts(&bounds, &sky.weights.radiance, EXCESS_TIMES_MEAN, Kernel::detect(), &mut patches);
+    let count = field.bounds().map_or(0, bright);
     let tiles = field.response();
     let rows = |index: usize, patch: u16| field.way_back().get(&tiles.tile(index), usize::from(patch));
-    let places = patches[..count].iter().flat_map(|&patch| (0..tiles.tiles()).map(move |index| (index, patch)));
+    let places = patches[..count].iter().flat_map(|apart| (0..tiles.tiles()).map(move |index| (index, apart.patch)));
     places.filter_map(|(index, patch)| rows(index, patch)).map(|rows| rows.bytes()).sum()
 }

@@ -6,10 +6,11 @@ use relume_firmware::bound::{BoundLight, Bounds};
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
 use relume_firmware::levels::{LEVELS, apart};
-use relume_firmware::patches::MAX_PATCHES;
 use relume_firmware::tile::Tile;
 use relume_firmware::wayback::RowFacts;
-use relume_firmware::weights::{FixedWeights, MAX_STANDOUTS, WeightError, WeightStep};
+use relume_firmware::weights::{
+    Apart, FixedWeights, LightApart, MAX_STANDOUTS, MOST_STANDOUTS, WeightError, WeightStep,
+};
 
 /// The weights of one moment on one level.
 pub(super) struct Level {
@@ -91,13 +92,15 @@ impl Levels {
         }
     }
 
-    /// What [`Levels::unpack`] unpacked.
+    /// What [`Levels::unpack`] unpacked for the newest weights, in their order, and how many there are.
     pub(super) fn unpacked(&self) -> ([UnpackedRows<'_>; MAX_STANDOUTS], usize) {
         let mut rows = [UnpackedRows { patch: 0, codes: &[], facts: &[] }; MAX_STANDOUTS];
         let mut count = 0;
-        for (patch, known) in self.unpacked.iter().filter_map(|known| Some((known.patch?, known))) {
-            rows[count] = UnpackedRows { patch, codes: &known.codes, facts: &known.facts };
-            count += 1;
+        for apart in self.levels[0].weights.apart() {
+            if let Some(known) = self.unpacked.iter().find(|known| known.patch == Some(apart.patch)) {
+                rows[count] = UnpackedRows { patch: apart.patch, codes: &known.codes, facts: &known.facts };
+                count += 1;
+            }
         }
         (rows, count)
     }
@@ -132,14 +135,27 @@ impl Levels {
 
     /// Takes the weights of a new moment.
     pub(super) fn set(&mut self, field: &Field<'_>, given: &PatchWeights, exposure: f32) -> Result<(), WeightError> {
-        let mut out = [0; MAX_PATCHES];
-        let count = if self.has_way_back { apart(0, &given.radiance, &mut out) } else { 0 };
+        let mut room = [Apart::default(); MOST_STANDOUTS];
+        let apart = self.apart(field, 0, given, &mut room);
         self.before.clone_from(&self.levels[0].weights);
-        self.levels[0].weights.set(&given.radiance, given.sun.as_ref(), exposure, &out[..count])?;
+        self.levels[0].weights.set(&given.radiance, given.sun.as_ref(), exposure, apart)?;
         self.levels.iter_mut().for_each(|level| level.ready = false);
         self.stepped = self.step.set(&self.before, &self.levels[0].weights);
         self.finish(field, 0);
         Ok(())
+    }
+
+    fn apart<'r>(
+        &self,
+        field: &Field<'_>,
+        level: usize,
+        given: &PatchWeights,
+        room: &'r mut [Apart; MOST_STANDOUTS],
+    ) -> LightApart<'r> {
+        if !self.has_way_back {
+            return LightApart::NONE;
+        }
+        apart(level, field.bounds().as_ref(), &given.radiance, self.kernel, room)
     }
 
     /// Makes a higher level ready for the moment that [`Levels::set`] was given.
@@ -147,10 +163,10 @@ impl Levels {
         if self.levels[level].ready {
             return;
         }
-        let mut out = [0; MAX_PATCHES];
-        let count = apart(level, &given.radiance, &mut out);
+        let mut room = [Apart::default(); MOST_STANDOUTS];
+        let apart = self.apart(field, level, given, &mut room);
         // The same numbers were accepted on level 0.
-        let accepted = self.levels[level].weights.set(&given.radiance, given.sun.as_ref(), exposure, &out[..count]);
+        let accepted = self.levels[level].weights.set(&given.radiance, given.sun.as_ref(), exposure, apart);
         debug_assert!(accepted.is_ok());
         self.finish(field, level);
     }

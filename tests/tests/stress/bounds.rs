@@ -1,6 +1,7 @@
 //! The certified bound is never below the true error, whatever the light.
 
-use relume_firmware::weights::{MAX_STANDOUTS, standouts};
+use relume_firmware::kernel::Kernel;
+use relume_firmware::weights::{Apart, EXCESS_TIMES_MEAN, MAX_STANDOUTS, standouts};
 use relume_tests::stressbound::{Examiner, TileFound};
 use relume_tests::stressfield::Matter::{self, *};
 use relume_tests::stressfield::StressField;
@@ -26,7 +27,7 @@ struct Tally {
 
 impl Tally {
     /// Examines all tiles under a light and holds the bound against the truth.
-    fn add(&mut self, examiner: &mut Examiner<'_>, name: &str, given: &PatchLight, exposure: f32, apart: &[u16]) {
+    fn add(&mut self, examiner: &mut Examiner<'_>, name: &str, given: &PatchLight, exposure: f32, apart: &[Apart]) {
         examiner.set(given, exposure, apart);
         let mut all = TileFound::default();
         for index in 0..examiner.field.response().tiles() {
@@ -60,7 +61,8 @@ fn each_patch_alone() {
     let (patches, mut tally) = (zoo().patches.len(), Tally::default());
     for patch in 0..patches {
         tally.add(&mut examiner, "alone", &light::alone(patches, patch, 1.0), 1.0, &[]);
-        tally.add(&mut examiner, "alone, by its rows", &light::alone(patches, patch, 1.0), 1.0, &[patch as u16]);
+        let alone = light::alone(patches, patch, 1.0);
+        tally.add(&mut examiner, "alone, by its rows", &alone, 1.0, &light::whole(&alone, &[patch as u16]));
     }
     tally.report("each patch alone");
 }
@@ -86,18 +88,23 @@ fn skies_like_captured_ones_and_their_sums_over_twelve_decades() {
 fn torches_through_the_factors_and_by_their_rows() {
     let mut examiner = Examiner::new(zoo());
     let mut tally = Tally::default();
+    let mut found = 0;
     for seed in 0..12 {
         for times in [10.0, 1e3, 1e6] {
             let given = light::torch(&zoo().patches, seed, times);
-            let mut bright = [0u16; MAX_STANDOUTS];
-            let count = standouts(&given, &mut bright);
+            let bounds = examiner.field.bounds().unwrap();
+            let mut bright = [Apart::default(); MAX_STANDOUTS];
+            let count = standouts(&bounds, &given, EXCESS_TIMES_MEAN, Kernel::detect(), &mut bright);
+            found += count.min(1);
             let all: Vec<u16> = (0..given.len() as u16).collect();
-            for apart in [&[][..], &bright[..count], &all] {
+            for apart in [&[][..], &bright[..count], &light::whole(&given, &all)] {
                 tally.add(&mut examiner, "torch", &given, 0.3 / times, apart);
                 tally.add(&mut examiner, "torch", &given, 0.3, apart);
             }
         }
     }
+    // Of 64 patches 31 modes make up a good part of any light: some torches are as expected as their sky.
+    assert!(found >= 24, "only {found} torches stand out");
     tally.report("torches");
 }
 
@@ -166,7 +173,7 @@ fn few_and_many_patches_and_responses_of_any_size() {
         for seed in 0..6 {
             let given = light::times(&light::captured(&stress.patches, seed, 0.3), 1.0 / scale);
             tally.add(&mut examiner, "any size", &given, 1.0, &[]);
-            tally.add(&mut examiner, "any size, 0 apart", &given, 1.0, &[0, 5]);
+            tally.add(&mut examiner, "any size, 0 apart", &given, 1.0, &light::whole(&given, &[0, 5]));
         }
         tally.report(&format!("{upper} patches, responses times {scale:e}"));
     }

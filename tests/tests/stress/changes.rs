@@ -7,7 +7,7 @@ use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
 use relume_firmware::relight::{LinearTile, TileLight};
 use relume_firmware::tone::srgb_code;
-use relume_firmware::weights::{FixedWeights, SunWeight};
+use relume_firmware::weights::{FixedWeights, LightApart, SunWeight};
 use relume_tests::stressfield::Matter::*;
 use relume_tests::stressfield::StressField;
 use relume_tests::stresslight::{self as light, Chance, PatchLight};
@@ -25,7 +25,7 @@ impl Moment {
         let tile = field.response().tile(index);
         let mut weights = FixedWeights::dark(given.len());
         let sun = SunWeight { dir_world: [0.0, 1.0, 0.0], irradiance: [sun, 0.9 * sun, 0.7 * sun] };
-        weights.set(given, Some(&sun), 0.5, &[]).unwrap();
+        weights.set(given, Some(&sun), 0.5, LightApart::NONE).unwrap();
         let (mut coefficients, mut bound_light) = (Coefficients::ZERO, BoundLight::DARK);
         coefficients.project(&tile, &weights, Kernel::detect(), usize::MAX);
         let bounds = field.bounds().unwrap();

@@ -3,7 +3,7 @@
 use relume_firmware::coefficients::{Coefficients, project_channel};
 use relume_firmware::kernel::{Kernel, Linear, Shown};
 use relume_firmware::tile::{MAX_RANK, Tile};
-use relume_firmware::weights::{FixedWeights, Values, WeightStep};
+use relume_firmware::weights::{FixedWeights, LightApart, Values, WeightStep};
 use relume_tests::stressfield::{Matter, StressField};
 use relume_tests::stresslight::{Chance, PatchLight, captured};
 
@@ -88,7 +88,7 @@ fn a_million_updates_leave_no_byte_different() {
     for update in 0..updates() {
         next(&mut sky, &mut level, &first, &mut chance, update);
         before.clone_from(&weights);
-        weights.set(&sky, None, level, &[]).unwrap();
+        weights.set(&sky, None, level, LightApart::NONE).unwrap();
         let steps = step.set(&before, &weights);
         stepped += usize::from(steps);
         let scratch_at = update % scratches.len();
