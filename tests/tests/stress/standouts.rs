@@ -63,6 +63,35 @@ fn expected(bounds: &relume_firmware::bound::Bounds<'_>, given: &PatchLight, pat
     })
 }
 
+/// A bright cluster, which the modes are bent to: each patch of it is found, although its neighbours hide it.
+#[test]
+fn neighbours_that_hide_each_other_are_found() {
+    let stress = StressField::new(256, (16, 16), 0.004, &[Matter::Street], 1.0);
+    let field = stress.field();
+    let bounds = field.bounds().unwrap();
+    let (mut missing, mut all) = (0, 0);
+    for seed in 0..20 {
+        let given = light::captured(&stress.patches, seed, 1.0);
+        let mut sky: PatchLight = (0..given.len()).map(|patch| expected(&bounds, &given, patch)).collect();
+        let centre = stress.patches.dir_world(Chance(seed).below(256));
+        let away = |patch: usize| {
+            let dot: f32 = stress.patches.dir_world(patch).iter().zip(centre).map(|(a, b)| a * b).sum();
+            1.0 - dot
+        };
+        let mut cluster: Vec<usize> = (0..256).collect();
+        cluster.sort_by(|&a, &b| away(a).total_cmp(&away(b)));
+        for (rank, &patch) in cluster[..12].iter().enumerate() {
+            sky[patch] = sky[patch].map(|v| v + 60.0 / (1.0 + rank as f32));
+        }
+        let mut found = [Apart::default(); MAX_STANDOUTS];
+        let count = standouts(&bounds, &sky, EXCESS_TIMES_MEAN, Kernel::detect(), &mut found);
+        missing +=
+            cluster[..8].iter().filter(|&&p| found[..count].iter().all(|own| usize::from(own.patch) != p)).count();
+        all += 8;
+    }
+    assert!(10 * missing <= all, "{missing} of {all} are not found");
+}
+
 #[test]
 fn no_light_and_impossible_light_have_no_standouts() {
     let stress = StressField::new(256, (16, 16), 0.004, &[Matter::Street], 1.0);
