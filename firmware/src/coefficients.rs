@@ -81,8 +81,8 @@ impl Coefficients {
 
     /// Asks for what a projection on this tile's V will read.
     pub fn prefetch_projection(tile: &Tile<'_>, kernel: Kernel) {
-        kernel.prefetch(tile.v);
-        kernel.prefetch(tile.v_scale);
+        kernel.prefetch_stream(tile.v);
+        kernel.prefetch_stream(tile.v_scale);
     }
 
     /// How far linear values (1 = display white) of a tile move from `drawn` to `self` at most, per channel: plain, and over

@@ -247,6 +247,14 @@ impl Kernel {
         }
     }
 
+    /// The same for values that follow each other over a page or more: x86-64 processors see that for themselves, and a
+    /// frame takes 4 % longer when told.
+    pub fn prefetch_stream<T: Copy>(self, values: &[T]) {
+        if cfg!(not(target_arch = "x86_64")) {
+            self.prefetch(values);
+        }
+    }
+
     /// Linear values (1 = display white) to 0x00RRGGBB by [`crate::tone::code`], for a multiple of 16 pixels.
     ///
     /// # Panics

@@ -22,15 +22,15 @@ pub struct TileLight<'a> {
 impl TileLight<'_> {
     /// Asks for what the pixels of this tile will read.
     pub fn prefetch(&self, tile: &Tile<'_>, kernel: Kernel) {
-        kernel.prefetch(tile.u);
-        kernel.prefetch(tile.rows);
+        kernel.prefetch_stream(tile.u);
+        kernel.prefetch_stream(tile.rows);
         let slot = tile.plane_at..tile.plane_at + 3 * tile.padded_pixels();
         if let Some((plane, _)) = self.sun {
-            kernel.prefetch(&plane[slot.clone()]);
+            kernel.prefetch_stream(&plane[slot.clone()]);
         }
         for (place, apart) in self.weights.apart().enumerate() {
             if let Some(unpacked) = UnpackedRows::of(self.unpacked, place, apart.patch) {
-                kernel.prefetch(&unpacked.codes[slot.clone()]);
+                kernel.prefetch_stream(&unpacked.codes[slot.clone()]);
             }
         }
     }
