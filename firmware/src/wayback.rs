@@ -21,7 +21,7 @@
 //! In the square root the error is the same whatever the code, and light of several patches is a sum of squares: by the
 //! triangle inequality the root of their sum is off by at most `sqrt(row * sum_i weight_i unit_i) / 2`. The sRGB curve
 //! over that root is nowhere steeper than [`crate::tone::ROOT_SLOPE`], so the error in codes has one bound for every
-//! light. A patch that takes the way back is left out of the weights that the factors see.
+//! light. What takes the way back is left out of the weights that the factors see.
 
 use crate::field::FieldError;
 use crate::header::{u16_at, u32_at};
