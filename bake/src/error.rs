@@ -8,12 +8,11 @@ use crate::heldout::TestSky;
 use rayon::prelude::*;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
+use relume_firmware::levels::apart;
 use relume_firmware::relight::{Coefficients, LinearTile, TileLight};
 use relume_firmware::tile::TILE_PIXELS;
 use relume_firmware::tone::srgb_code;
-use relume_firmware::weights::{
-    Apart, EXCESS_TIMES_MEAN, FixedWeights, LightApart, MAX_STANDOUTS, WeightError, standouts,
-};
+use relume_firmware::weights::{Apart, FixedWeights, MOST_STANDOUTS, WeightError};
 use serde::{Deserialize, Serialize};
 
 /// Errors of a field's picture under one sky, as the design defines them.
@@ -83,16 +82,10 @@ fn error_under<'e>(
     let Some(exposure) = exposure_for(values) else {
         return Ok(SkyError { sky: sky.name.clone(), ..SkyError::default() });
     };
-    let mut apart = [Apart::default(); MAX_STANDOUTS];
-    let has_way_back = field.way_back().bytes() > 0;
-    let apart_count = match field.bounds() {
-        Some(bounds) if has_way_back => {
-            standouts(&bounds, &sky.radiance, EXCESS_TIMES_MEAN, Kernel::detect(), &mut apart)
-        }
-        _ => 0,
-    };
+    let mut room = [Apart::default(); MOST_STANDOUTS];
+    let apart = apart(0, field, &sky.radiance, Kernel::detect(), &mut room);
     let mut weights = Box::new(FixedWeights::dark(field.patch_set().len()));
-    weights.set(&sky.radiance, None, exposure, LightApart::Some(&apart[..apart_count]))?;
+    weights.set(&sky.radiance, None, exposure, apart)?;
     let light = TileLight { sun: None, weights: &weights, unpacked: &[] };
     let of_tile = |tile: usize| Difference::of(field, tile, &light, exact(tile), f64::from(exposure));
     // Added in order, so that any number of threads gives the same bytes.

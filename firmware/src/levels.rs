@@ -1,6 +1,6 @@
 //! The way back in levels: how many patches are shown by their own rows instead of through the factors.
 
-use crate::bound::Bounds;
+use crate::field::Field;
 use crate::kernel::Kernel;
 use crate::weights::{Apart, EXCESS_TIMES_MEAN, LightApart, MAX_STANDOUTS, MOST_STANDOUTS, standouts};
 
@@ -25,34 +25,28 @@ pub fn may_be_lower(bound_codes: f32, budget_codes: f32) -> bool {
     bound_codes < LOWER_SHARE * budget_codes
 }
 
-/// The light that a level sets apart, in radiance. `bounds` are the field's: without them only the highest level sets any
-/// apart. `room` is for a list.
+/// The light that a level sets apart, in radiance. A field without way back sets nothing apart, one without bounds only on
+/// the highest level. `room` is for a list.
 pub fn apart<'r>(
     level: usize,
-    bounds: Option<&Bounds<'_>>,
+    field: &Field<'_>,
     radiance_linear: &[[f32; 3]],
     kernel: Kernel,
     room: &'r mut [Apart; MOST_STANDOUTS],
 ) -> LightApart<'r> {
+    if field.way_back().bytes() == 0 {
+        return LightApart::NONE;
+    }
     let Some(&most) = STANDOUTS.get(level) else { return LightApart::All };
     let times_mean = if level == 0 { EXCESS_TIMES_MEAN } else { 0.0 };
     let room = &mut room[..most];
-    let count = bounds.map_or(0, |bounds| standouts(bounds, radiance_linear, times_mean, kernel, room));
+    let count = field.bounds().map_or(0, |bounds| standouts(&bounds, radiance_linear, times_mean, kernel, room));
     LightApart::Some(&room[..count])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_highest_level_sets_all_light_apart_and_without_modes_no_other_does() {
-        let (sky, mut room) = ([[1.0f32; 3]; 120], [Apart::default(); MOST_STANDOUTS]);
-        for level in 0..LEVELS - 1 {
-            assert!(matches!(apart(level, None, &sky, Kernel::SCALAR, &mut room), LightApart::Some([])));
-        }
-        assert!(matches!(apart(LEVELS - 1, None, &sky, Kernel::SCALAR, &mut room), LightApart::All));
-    }
 
     #[test]
     fn budgets_are_more_than_rounding() {

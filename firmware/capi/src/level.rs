@@ -4,7 +4,7 @@ use relume_firmware::bound::BoundLight;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
 use relume_firmware::levels::{LEVELS, apart};
-use relume_firmware::weights::{Apart, FixedWeights, LightApart, MOST_STANDOUTS, SunWeight, WeightError};
+use relume_firmware::weights::{Apart, FixedWeights, MOST_STANDOUTS, SunWeight, WeightError};
 
 /// The weights of one level.
 pub struct Level {
@@ -92,14 +92,11 @@ impl Levels {
         level: usize,
         (radiance, sun, exposure): (&[[f32; 3]], Option<SunWeight>, f32),
     ) -> Result<(), WeightError> {
-        let (mut room, kernel, bounds) = ([Apart::default(); MOST_STANDOUTS], Kernel::detect(), field.bounds());
-        let apart = match self.levels.len() {
-            1 => LightApart::NONE,
-            _ => apart(level, bounds.as_ref(), radiance, kernel, &mut room),
-        };
+        let (mut room, kernel) = ([Apart::default(); MOST_STANDOUTS], Kernel::detect());
+        let apart = apart(level, field, radiance, kernel, &mut room);
         let level = &mut self.levels[level];
         level.weights.set(radiance, sun.as_ref(), exposure, apart)?;
-        if let Some(bounds) = bounds {
+        if let Some(bounds) = field.bounds() {
             bounds.light(&level.weights, kernel, &mut level.bound);
         }
         level.is_ready = true;

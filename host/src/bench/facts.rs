@@ -2,8 +2,9 @@
 
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
+use relume_firmware::levels::apart;
 use relume_firmware::tile::{TILE_PX, TILE_RECORD};
-use relume_firmware::weights::{Apart, EXCESS_TIMES_MEAN, MAX_STANDOUTS, standouts};
+use relume_firmware::weights::{Apart, LightApart, MOST_STANDOUTS};
 
 use super::method::BenchSky;
 
@@ -43,11 +44,12 @@ pub fn bytes_read(field: &Field<'_>, max_rank: usize, sun: bool) -> usize {
 
 /// Bytes of the way back that a full frame reads under a sky: the rows of the patches that outshine it.
 pub fn way_back_bytes(field: &Field<'_>, sky: &BenchSky) -> usize {
-    let mut patches = [Apart::default(); MAX_STANDOUTS];
-    let bright = |bounds| standouts(&bounds, &sky.weights.radiance, EXCESS_TIMES_MEAN, Kernel::detect(), &mut patches);
-    let count = field.bounds().map_or(0, bright);
+    let mut room = [Apart::default(); MOST_STANDOUTS];
+    let LightApart::Some(patches) = apart(0, field, &sky.weights.radiance, Kernel::detect(), &mut room) else {
+        return 0;
+    };
     let tiles = field.response();
     let rows = |index: usize, patch: u16| field.way_back().get(&tiles.tile(index), usize::from(patch));
-    let places = patches[..count].iter().flat_map(|apart| (0..tiles.tiles()).map(move |index| (index, apart.patch)));
+    let places = patches.iter().flat_map(|apart| (0..tiles.tiles()).map(move |index| (index, apart.patch)));
     places.filter_map(|(index, patch)| rows(index, patch)).map(|rows| rows.bytes()).sum()
 }

@@ -8,9 +8,7 @@ use relume_firmware::kernel::Kernel;
 use relume_firmware::levels::{LEVELS, apart};
 use relume_firmware::tile::Tile;
 use relume_firmware::wayback::RowFacts;
-use relume_firmware::weights::{
-    Apart, FixedWeights, LightApart, MAX_STANDOUTS, MOST_STANDOUTS, WeightError, WeightStep,
-};
+use relume_firmware::weights::{Apart, FixedWeights, MAX_STANDOUTS, MOST_STANDOUTS, WeightError, WeightStep};
 
 /// The weights of one moment on one level.
 pub(super) struct Level {
@@ -136,7 +134,7 @@ impl Levels {
     /// Takes the weights of a new moment.
     pub(super) fn set(&mut self, field: &Field<'_>, given: &PatchWeights, exposure: f32) -> Result<(), WeightError> {
         let mut room = [Apart::default(); MOST_STANDOUTS];
-        let apart = self.apart(field, 0, given, &mut room);
+        let apart = apart(0, field, &given.radiance, self.kernel, &mut room);
         self.before.clone_from(&self.levels[0].weights);
         self.levels[0].weights.set(&given.radiance, given.sun.as_ref(), exposure, apart)?;
         self.levels.iter_mut().for_each(|level| level.ready = false);
@@ -145,26 +143,13 @@ impl Levels {
         Ok(())
     }
 
-    fn apart<'r>(
-        &self,
-        field: &Field<'_>,
-        level: usize,
-        given: &PatchWeights,
-        room: &'r mut [Apart; MOST_STANDOUTS],
-    ) -> LightApart<'r> {
-        if !self.has_way_back {
-            return LightApart::NONE;
-        }
-        apart(level, field.bounds().as_ref(), &given.radiance, self.kernel, room)
-    }
-
     /// Makes a higher level ready for the moment that [`Levels::set`] was given.
     pub(super) fn prepare(&mut self, field: &Field<'_>, level: usize, given: &PatchWeights, exposure: f32) {
         if self.levels[level].ready {
             return;
         }
         let mut room = [Apart::default(); MOST_STANDOUTS];
-        let apart = self.apart(field, level, given, &mut room);
+        let apart = apart(level, field, &given.radiance, self.kernel, &mut room);
         // The same numbers were accepted on level 0.
         let accepted = self.levels[level].weights.set(&given.radiance, given.sun.as_ref(), exposure, apart);
         debug_assert!(accepted.is_ok());

@@ -1,7 +1,8 @@
 //! What stands out of a sky is found by how much it does.
 
 use relume_firmware::kernel::Kernel;
-use relume_firmware::weights::{Apart, EXCESS_TIMES_MEAN, MAX_STANDOUTS, standouts};
+use relume_firmware::levels::{LEVELS, apart};
+use relume_firmware::weights::{Apart, EXCESS_TIMES_MEAN, LightApart, MAX_STANDOUTS, MOST_STANDOUTS, standouts};
 use relume_tests::stressfield::{Matter, StressField};
 use relume_tests::stresslight::{self as light, Chance, PatchLight};
 
@@ -116,5 +117,23 @@ fn no_light_and_impossible_light_have_no_standouts() {
         let count = standouts(&bounds, &alone, EXCESS_TIMES_MEAN, Kernel::detect(), &mut found);
         assert_eq!((count, usize::from(found[0].patch)), (1, patch));
         assert!((found[0].light[1] - 3.0).abs() < 0.1, "{patch}: {found:?}");
+    }
+}
+
+#[test]
+fn the_highest_level_sets_all_light_apart_and_the_others_less() {
+    let stress = StressField::new(256, (16, 16), 0.004, &[Matter::Street], 1.0);
+    let sky = light::torch(&stress.patches, 3, 100.0);
+    let mut most = 0;
+    for level in 0..LEVELS {
+        let mut room = [Apart::default(); MOST_STANDOUTS];
+        match apart(level, &stress.field(), &sky, Kernel::detect(), &mut room) {
+            LightApart::Some(some) if level < LEVELS - 1 => {
+                assert!(some.len() > most, "level {level}: {} after {most}", some.len());
+                most = some.len();
+            }
+            LightApart::All => assert_eq!(level, LEVELS - 1),
+            LightApart::Some(some) => panic!("level {level}: only {some:?}"),
+        }
     }
 }
