@@ -16,6 +16,15 @@ pub fn shared() -> Option<PathBuf> {
     folder.join("scenes").is_dir().then_some(folder)
 }
 
+/// The maps that `tests/skies` has fetched, by name.
+pub fn fetched_skies() -> Option<Vec<PathBuf>> {
+    let folder = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../target/skies")).ok()?;
+    let mut maps: Vec<PathBuf> = folder.flatten().map(|entry| entry.path()).collect();
+    maps.retain(|map| map.extension().is_some_and(|ending| ending == "exr"));
+    maps.sort();
+    (!maps.is_empty()).then_some(maps)
+}
+
 /// True for root, whom permissions do not stop and who may mount.
 pub fn is_root() -> bool {
     std::process::Command::new("id").arg("-u").output().is_ok_and(|out| out.stdout.trim_ascii() == b"0")
