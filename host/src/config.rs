@@ -3,8 +3,10 @@
 //! Every key is checked: an unknown one is refused with the nearest known name, a value out of range with its range.
 //! Paths are relative to the file's own folder. `POST.toml` in this package documents every key.
 
+mod display;
 mod reader;
 
+pub use display::DisplayConfig;
 pub use reader::ConfigError;
 
 use crate::exposure::{EV_RANGE, ExposureMode};
@@ -36,6 +38,12 @@ pub const KEYS: &[&str] = &[
     "display.kind",
     "display.folder",
     "display.every",
+    "display.card",
+    "display.connector",
+    "display.mode",
+    "display.rotation_deg",
+    "display.format",
+    "display.buffers",
     "run.start",
     "run.step_s",
     "run.speed",
@@ -102,15 +110,6 @@ pub struct CameraConfig {
     pub response: Option<PathBuf>,
     /// What one unit of the merged radiance is multiplied by.
     pub radiance_scale: f64,
-}
-
-/// Where pictures go.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DisplayConfig {
-    /// Folder for the pictures of the headless display.
-    pub folder: PathBuf,
-    /// Every how many frames one is written.
-    pub every: u64,
 }
 
 /// Which clock the post lives by.
@@ -184,7 +183,7 @@ impl Config {
     pub fn load(file: &Path) -> Result<Self, ConfigError> {
         let r = Reader::open(file, KEYS)?;
         let missing = |key: &str, what: &str| r.fault(format!("{key} is missing: {what}"));
-        let display = display(&r)?;
+        let display = display::display(&r)?;
         let config = Config {
             file: file.to_path_buf(),
             title: r.text("title", 120)?.unwrap_or_default(),
@@ -194,7 +193,7 @@ impl Config {
             sky: r
                 .choice("sky", &SkyKind::NAMES)?
                 .ok_or_else(|| missing("sky", "write sky = \"simulated\", \"synthetic\" or \"replay\""))?,
-            health: r.path("health")?.unwrap_or_else(|| display.folder.join("health.json")),
+            health: r.path("health")?.unwrap_or_else(|| display.health(file)),
             site: site(&r)?,
             weather: Weather {
                 turbidity: r.number("weather.turbidity", 1.7..=10.0)?.unwrap_or(3.0),
@@ -207,8 +206,8 @@ impl Config {
                 response: r.path("camera.response")?,
                 radiance_scale: r.number("camera.radiance_scale", 1e-6..=1e6)?.unwrap_or(1.0),
             },
+            clock: clock(&r, display.interval_s())?,
             display,
-            clock: clock(&r)?,
             limits: Limits {
                 frames: r.whole("run.frames", 1..=1_000_000_000)?,
                 duration_s: r.number("run.duration_s", 1e-3..=1e9)?,
@@ -261,15 +260,7 @@ fn site(r: &Reader) -> Result<Option<Site>, ConfigError> {
     }
 }
 
-fn display(r: &Reader) -> Result<DisplayConfig, ConfigError> {
-    r.choice("display.kind", &[("headless", ())])?
-        .ok_or_else(|| r.fault("display.kind is missing: add [display] with kind = \"headless\"".into()))?;
-    let folder = r.path("display.folder")?;
-    let folder = folder.ok_or_else(|| r.fault("display.folder is missing: name the folder for the pictures".into()))?;
-    Ok(DisplayConfig { folder, every: r.whole("display.every", 1..=1_000_000)?.unwrap_or(1) })
-}
-
-fn clock(r: &Reader) -> Result<ClockConfig, ConfigError> {
+fn clock(r: &Reader, interval_by_default_s: f64) -> Result<ClockConfig, ConfigError> {
     let start = r.moment("run.start")?;
     let step_s = r.number("run.step_s", 1e-3..=86_400.0)?;
     let speed = r.number("run.speed", 1e-3..=1e6)?;
@@ -281,7 +272,7 @@ fn clock(r: &Reader) -> Result<ClockConfig, ConfigError> {
         (Some(start_unix_s), step_s, speed, None) => {
             Ok(ClockConfig::Simulated { start_unix_s, step_s: step_s.unwrap_or(60.0), speed })
         }
-        (None, None, None, interval_s) => Ok(ClockConfig::System { interval_s: interval_s.unwrap_or(1.0) }),
+        (None, None, None, interval_s) => Ok(ClockConfig::System { interval_s: interval_s.unwrap_or(interval_by_default_s) }),
         (None, ..) => Err(r.fault("run.step_s and run.speed need run.start, the time of the first frame".into())),
     }
 }

@@ -1,7 +1,12 @@
 //! Where the picture goes: a screen, or files in a folder.
 
+pub mod config;
 pub mod headless;
+#[cfg(feature = "board")]
+pub mod kms;
+pub mod pack;
 
+use crate::damage::Damage;
 use std::path::PathBuf;
 
 /// One picture for a display: pixels `0x00RRGGBB` (sRGB), row 0 at the top.
@@ -15,8 +20,8 @@ pub struct Frame<'a> {
     pub pixels_bgrx: &'a [u32],
     /// Frame number, counted from 0 since the post started.
     pub number: u64,
-    /// True when anything differs from the frame before; a display may skip a frame that brings nothing new.
-    pub changed: bool,
+    /// What differs from the frame before; a display may skip the rest.
+    pub damage: &'a Damage,
 }
 
 /// Why a picture did not reach the display.
@@ -38,6 +43,9 @@ pub enum DisplayError {
         /// What is wrong and what to do.
         reason: String,
     },
+    /// There is no screen that takes the picture.
+    #[error("display: {0}")]
+    Screen(String),
     /// A picture could not be written.
     #[error(transparent)]
     Picture(#[from] crate::picture::PictureError),
@@ -47,6 +55,7 @@ impl From<DisplayError> for crate::failure::Failure {
     fn from(error: DisplayError) -> Self {
         match error {
             DisplayError::Picture(picture) => picture.into(),
+            DisplayError::Screen(_) => Self::Runtime(error.into()),
             DisplayError::Size { .. } | DisplayError::Folder { .. } => Self::BadInput(error.into()),
         }
     }
@@ -62,4 +71,9 @@ pub trait Display {
     /// # Errors
     /// [`DisplayError`]; the post may go on and try again with the next frame.
     fn present(&mut self, frame: &Frame<'_>) -> Result<(), DisplayError>;
+
+    /// What keeps pictures from being seen now (nothing plugged in, card gone), in a few words; `None` if nothing does.
+    fn trouble(&self) -> Option<&str> {
+        None
+    }
 }

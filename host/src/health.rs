@@ -46,6 +46,12 @@ pub struct Health {
     pub sky_faults: u64,
     /// The newest fault, in one line.
     pub last_fault: Option<String>,
+    /// What keeps pictures from being seen, if anything does.
+    pub display: Option<String>,
+    /// From the last picture of the sky that the newest light rests on to its presentation, ms; `None` without a camera.
+    pub latency_ms: Option<f64>,
+    /// The worst of these since the start, ms.
+    pub latency_worst_ms: Option<f64>,
     /// What the newest frame did, what it was spared, and the bound on its error.
     pub frame: FrameCounters,
     /// Something that is not a fault but should be known, such as a sun outside the field's band.
@@ -62,10 +68,5 @@ impl Health {
             serde_json::to_writer_pretty(&mut *out, self)?;
             out.write_all(b"\n")
         })
-    }
-
-    /// True when someone watching would want to know at once that `other` came after `self`.
-    pub fn differs(&self, other: &Health) -> bool {
-        (&self.state, self.weights, self.sun, self.clock) != (&other.state, other.weights, other.sun, other.clock)
     }
 }

@@ -3,6 +3,7 @@ pub mod bench;
 pub mod clock;
 pub mod clouds;
 pub mod config;
+pub mod damage;
 pub mod devices;
 pub mod display;
 pub mod exact;

@@ -2,6 +2,7 @@
 
 pub mod field;
 
+use crate::damage::Damage;
 use crate::relight::FrameCounters;
 use crate::weights::PatchWeights;
 use relume_firmware::patches::PatchSet;
@@ -26,11 +27,11 @@ pub trait Painter {
     /// The exposure that the picture of the newest weights asks for; `None` in the dark.
     fn wanted_exposure(&mut self) -> Option<f64>;
 
-    /// Draws what changed; the counters tell what that was.
+    /// Draws what changed, and marks it; the counters tell what that was.
     ///
     /// # Errors
     /// When drawing is not possible at all.
-    fn draw(&mut self) -> anyhow::Result<FrameCounters>;
+    fn draw(&mut self, damage: &mut Damage) -> anyhow::Result<FrameCounters>;
 
     /// The whole picture, `0x00RRGGBB`, as last drawn.
     fn pixels_bgrx(&self) -> &[u32];

@@ -2,6 +2,7 @@
 
 use crate::clock::{Moment, PostClock};
 use crate::config::{Config, Limits};
+use crate::damage::Damage;
 use crate::display::{Display, Frame};
 use crate::exposure::ExposureControl;
 use crate::failure::{Failure, OrFail};
@@ -58,11 +59,16 @@ pub struct Post<'p> {
     limits: Limits,
     words: String,
     shown: Vec<u32>,
+    damage: Damage,
     held: SkyReading,
+    next: SkyReading,
+    /// Do the weights wait to be relit?
+    is_new: bool,
+    latency: Latency,
     held_since_unix_s: Option<f64>,
     weights: WeightsState,
     health_file: PathBuf,
-    told: Option<Health>,
+    told: Option<Vital>,
     told_at: Instant,
     last_fault: Option<String>,
     note: Option<String>,
@@ -74,9 +80,37 @@ pub struct Post<'p> {
     sky_faults: u64,
 }
 
+/// What someone watching wants to know at once when it changes.
+#[derive(Clone, Copy, PartialEq)]
+struct Vital {
+    weights: WeightsState,
+    sun: SunSource,
+    trusted: bool,
+    display_in_trouble: bool,
+}
+
+/// Time from the last picture of a sky that was relit to its presentation.
+#[derive(Clone, Copy, Default)]
+struct Latency {
+    newest_ms: Option<f64>,
+    worst_ms: Option<f64>,
+}
+
+impl Latency {
+    fn note(&mut self, latency: Duration) {
+        let ms = latency.as_secs_f64() * 1e3;
+        self.newest_ms = Some(ms);
+        self.worst_ms = Some(self.worst_ms.map_or(ms, |worst| worst.max(ms)));
+    }
+}
+
 /// An even sky of radiance 1: what stands in until there is a first measurement.
 fn even_sky(patches: usize) -> SkyReading {
-    SkyReading { weights: PatchWeights { radiance: vec![[1.0; 3]; patches], sun: None }, sun: SunSource::None }
+    SkyReading {
+        weights: PatchWeights { radiance: vec![[1.0; 3]; patches], sun: None },
+        sun: SunSource::None,
+        taken: None,
+    }
 }
 
 impl<'p> Post<'p> {
@@ -88,8 +122,12 @@ impl<'p> Post<'p> {
             exposure: ExposureControl::new(config.exposure),
             limits: config.limits,
             words: words.join(" - "),
-            shown: Vec::new(),
+            shown: vec![0; parts.painter.size().0 * parts.painter.size().1],
+            damage: Damage::whole(parts.painter.size().0, parts.painter.size().1),
             held: even_sky(parts.painter.patch_set().len()),
+            next: SkyReading::default(),
+            is_new: true,
+            latency: Latency::default(),
             held_since_unix_s: None,
             weights: WeightsState::StandIn,
             health_file: config.health.clone(),
@@ -149,11 +187,13 @@ impl<'p> Post<'p> {
 
     /// Asks the sky for new weights and keeps the old ones if there are none. True when there will be no more.
     fn look(&mut self, moment: Moment) -> bool {
-        match self.parts.sky.read(moment) {
-            Ok(reading) => {
-                self.held = reading;
+        match self.parts.sky.read(moment, &mut self.next) {
+            Ok(false) => {}
+            Ok(true) => {
+                std::mem::swap(&mut self.held, &mut self.next);
                 self.held_since_unix_s = Some(moment.unix_s);
                 self.weights = WeightsState::Fresh;
+                self.is_new = true;
             }
             Err(SkyFault::Ended) => return true,
             Err(SkyFault::Failed(reason)) => {
@@ -169,20 +209,45 @@ impl<'p> Post<'p> {
 
     /// Relights, draws and presents one frame.
     fn show(&mut self) -> Result<(), Failure> {
-        self.relight();
-        self.counters = self.parts.painter.draw().or_runtime()?;
-        let changed = self.counters.tiles_drawn + self.counters.tiles_composited > 0;
-        let (width, height) = self.parts.painter.size();
-        if changed || self.frames == 0 {
-            self.frames_changed += 1;
-            self.shown.clear();
-            self.shown.extend_from_slice(self.parts.painter.pixels_bgrx());
-            caption(&mut self.shown, width, height, &self.words)?;
+        let relit = std::mem::take(&mut self.is_new);
+        if relit {
+            self.relight();
         }
-        let frame = Frame { width, height, pixels_bgrx: &self.shown, number: self.frames, changed };
+        if self.frames > 0 {
+            self.damage.clear();
+        }
+        self.counters = self.parts.painter.draw(&mut self.damage).or_runtime()?;
+        let (width, height) = self.parts.painter.size();
+        if !self.damage.is_empty() {
+            self.frames_changed += 1;
+            self.compose(width, height)?;
+        }
+        let frame = Frame { width, height, pixels_bgrx: &self.shown, number: self.frames, damage: &self.damage };
         self.parts.display.present(&frame)?;
+        if let (true, Some(taken)) = (relit, self.held.taken) {
+            self.latency.note(taken.elapsed());
+        }
         self.frames += 1;
         Ok(())
+    }
+
+    /// The picture with its words. What lies under the words is copied whole when any of it has changed, because the words
+    /// darken it.
+    fn compose(&mut self, width: usize, height: usize) -> Result<(), Failure> {
+        let words = overlay::caption_area(Size::new(width as u32, height as u32));
+        let rows = words.top_left.y as usize..height;
+        let has_words = !self.words.is_empty() && self.damage.touches_rows(rows.clone());
+        if has_words {
+            self.damage.mark_rows(rows);
+        }
+        let picture = self.parts.painter.pixels_bgrx();
+        for (rows, columns) in self.damage.areas() {
+            for row in rows {
+                let place = row * width + columns.start..row * width + columns.end;
+                self.shown[place.clone()].copy_from_slice(&picture[place]);
+            }
+        }
+        if has_words { caption(&mut self.shown, width, height, &self.words) } else { Ok(()) }
     }
 
     /// New weights to the painter; a second time where they ask for another exposure. Weights that do not fit are a
@@ -211,11 +276,12 @@ impl<'p> Post<'p> {
 
     /// Writes the state when it changed, from time to time, and at the end. A full disk must not stop the picture.
     fn tell(&mut self, moment: Moment, last: bool) {
-        let health = self.health(moment);
-        let changed = self.told.as_ref().is_none_or(|told| told.differs(&health));
+        let vital = self.vital(moment);
+        let changed = self.told != Some(vital);
         if !changed && !last && self.told_at.elapsed() < HEALTH_INTERVAL {
             return;
         }
+        let health = self.health(moment);
         if changed {
             eprintln!("{} {}", health.time_utc, health.state);
         }
@@ -224,8 +290,17 @@ impl<'p> Post<'p> {
         {
             eprintln!("{error}");
         }
-        self.told = Some(health);
+        self.told = Some(vital);
         self.told_at = Instant::now();
+    }
+
+    fn vital(&self, moment: Moment) -> Vital {
+        Vital {
+            weights: self.weights,
+            sun: self.held.sun,
+            trusted: moment.trusted,
+            display_in_trouble: self.parts.display.trouble().is_some(),
+        }
     }
 
     fn health(&self, moment: Moment) -> Health {
@@ -244,6 +319,9 @@ impl<'p> Post<'p> {
             exposure_ev: self.exposure.ev(),
             sky_faults: self.sky_faults,
             last_fault: self.last_fault.clone(),
+            display: self.parts.display.trouble().map(String::from),
+            latency_ms: self.latency.newest_ms,
+            latency_worst_ms: self.latency.worst_ms,
             frame: self.counters,
             note: self.note.clone(),
         }
@@ -256,6 +334,9 @@ impl<'p> Post<'p> {
             WeightsState::Fresh => {}
             WeightsState::Held => parts.push(format!("sky fails, last weights held: {fault}")),
             WeightsState::StandIn => parts.push(format!("no sky yet, an even one stands in: {fault}")),
+        }
+        if let Some(trouble) = self.parts.display.trouble() {
+            parts.push(format!("display: {trouble}"));
         }
         if !moment.trusted {
             parts.push("clock not trusted, no sun shown".to_string());

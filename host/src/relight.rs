@@ -20,6 +20,7 @@ pub use buffers::{Framebuffer, Picture, View};
 pub use counters::FrameCounters;
 pub use file::{FieldFile, FieldFileError};
 
+use crate::damage::Damage;
 use crate::weights::PatchWeights;
 use blocks::{Block, Projected};
 use budget::Pace;
@@ -193,6 +194,14 @@ impl<'f> Relighter<'f> {
         self.shown = None;
         self.states.iter_mut().filter(|state| !state.empty).for_each(|state| state.is_drawn = false);
         self.blocks.iter_mut().for_each(|block| block.standing.forget());
+    }
+
+    /// Marks the tiles whose pixels were written since this was asked last.
+    pub fn take_damage(&mut self, damage: &mut Damage) {
+        let written = self.states.iter_mut().enumerate().filter_map(|(index, state)| {
+            std::mem::take(&mut state.is_new).then_some(index)
+        });
+        written.for_each(|index| damage.mark(index));
     }
 
     /// Takes weights and an exposure (factor from radiance to display white): quantises and projects them, and traces

@@ -1,17 +1,20 @@
 //! Where a post's weights come from, moment by moment.
 
+pub mod background;
 pub mod captured;
 pub mod simulated;
 
 use crate::clock::Moment;
 use crate::weights::PatchWeights;
 use serde::Serialize;
+use std::time::Instant;
 
 /// How the sun's light is known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SunSource {
     /// No sun: below the horizon, covered, or not to be trusted.
+    #[default]
     None,
     /// From what the frames of the series can still measure.
     Measured,
@@ -20,12 +23,14 @@ pub enum SunSource {
 }
 
 /// The light of one moment.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct SkyReading {
     /// Radiance per patch and the sun.
     pub weights: PatchWeights,
     /// How the sun in them is known.
     pub sun: SunSource,
+    /// When a camera took the last picture that they rest on.
+    pub taken: Option<Instant>,
 }
 
 /// Why there are no new weights now.
@@ -41,9 +46,10 @@ pub enum SkyFault {
 
 /// Something that tells the light of a moment: a camera or a model.
 pub trait SkySource {
-    /// The light at a moment. While its clock is not trusted no sun may be placed by it.
+    /// The light at a moment, into a reading that is reused; false if there is nothing newer than the last one. While its
+    /// clock is not trusted no sun may be placed by it.
     ///
     /// # Errors
-    /// [`SkyFault`]; the post holds what it had.
-    fn read(&mut self, moment: Moment) -> Result<SkyReading, SkyFault>;
+    /// [`SkyFault`]; the post holds what it had, and `into` may be anything.
+    fn read(&mut self, moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault>;
 }

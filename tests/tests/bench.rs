@@ -82,6 +82,10 @@ fn a_study_holds_every_method_in_and_beyond_the_cache() {
     let held = |section: &str, key: &str| report[section][key].as_u64().unwrap();
     assert_eq!(held("in_cache", "field_copies"), 1);
     assert!(held("beyond_cache", "field_bytes") >= 4 << 20 && held("beyond_cache", "rivals_bytes") >= 4 << 20);
+    // What fills the cache is what a frame reads, not what lies in the file besides.
+    let copy = held("beyond_cache", "field_bytes") as f64 / held("beyond_cache", "field_copies") as f64;
+    let read = report["bytes_per_covered_pixel"].as_f64().unwrap() * report["covered_px"].as_f64().unwrap();
+    assert!(copy < 2.0 * read, "{copy} bytes a copy, {read} read");
 }
 
 /// What must be so whatever the machine: bounds hold, and nothing is drawn that did not change.

@@ -24,7 +24,7 @@ pub fn sun_solid_angle_sr() -> f64 {
 pub use crate::weights::SunWeight;
 
 /// Light per patch of a [`PatchSet`], and the sun.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PatchWeights {
     /// Mean RGB radiance per patch, in the set's order.
     pub radiance: Vec<[f32; 3]>,

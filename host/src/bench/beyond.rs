@@ -22,7 +22,7 @@ const TIMES_CACHE: usize = 4;
 /// Frames timed per method and number of threads.
 const FRAMES: usize = 12;
 /// Tracing the sun for all copies may take so long, seconds of CPU time; if it takes longer, the suns are left out.
-const MOST_TRACING_S: f64 = 20.0;
+const MOST_TRACING_S: f64 = 40.0;
 
 /// What the run stands on.
 pub struct Ground<'a> {

@@ -8,9 +8,9 @@ use anyhow::Context;
 use memmap2::{MmapMut, MmapOptions};
 use relume_firmware::field::{Field, LayerKind};
 
-/// Layers that no frame reads: the sun's, read when it is traced, and the rows of the way back. They stay shared.
-const NOT_PER_FRAME: [LayerKind; 11] =
-    [*b"SUNT", *b"SUNU", *b"SUNV", *b"SUNR", *b"CAST", *b"CBVH", *b"FRGT", *b"FRAG", *b"META", *b"RSDT", *b"RSDL"];
+/// Layers that every frame reads. The others stay shared: the sun's, read when it has moved, and the rows of the way
+/// back, read when a patch begins to stand out.
+const PER_FRAME: [LayerKind; 7] = [*b"TILE", *b"ROWS", *b"RESU", *b"RESV", *b"COVR", *b"BNDB", *b"BNDT"];
 /// Step in which memory becomes a copy's own; no larger than any system's page.
 const PAGE: usize = 4096;
 
@@ -30,7 +30,7 @@ impl FieldCopies {
             // any field file is used.
             let mut map = unsafe { MmapOptions::new().map_copy(&file) }.context("cannot map the field again")?;
             anyhow::ensure!(map.len() == field.file_bytes(), "{}: the file has changed", path.display());
-            for layer in field.layers().filter(|layer| !NOT_PER_FRAME.contains(&layer.kind)) {
+            for layer in field.layers().filter(|layer| PER_FRAME.contains(&layer.kind)) {
                 let (from, to) = (layer.offset as usize, (layer.offset + layer.length) as usize);
                 // Writing is what makes a page the map's own.
                 for at in (from..to).step_by(PAGE).chain(to.checked_sub(1)) {
@@ -44,7 +44,7 @@ impl FieldCopies {
 
     /// Bytes that become a copy's own.
     pub fn bytes_each(field: &Field<'_>) -> usize {
-        let layers = field.layers().filter(|layer| !NOT_PER_FRAME.contains(&layer.kind));
+        let layers = field.layers().filter(|layer| PER_FRAME.contains(&layer.kind));
         layers.map(|layer| layer.length as usize).sum()
     }
 

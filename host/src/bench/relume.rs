@@ -125,11 +125,10 @@ impl Method for Relume<'_> {
     }
 
     fn warm_up(&mut self, skies: &[BenchSky]) -> anyhow::Result<()> {
+        // Every copy meets every sky: its sun is traced, and its memory for patches apart is there.
         let copies = self.shared.borrow().relighters.len();
-        for sky in skies.iter().cycle().take(copies.max(skies.len())) {
-            self.frame(sky)?;
-        }
-        Ok(())
+        let turns = skies.iter().flat_map(|sky| std::iter::repeat_n(sky, copies));
+        turns.map(|sky| self.frame(sky)).collect()
     }
 
     fn frame(&mut self, sky: &BenchSky) -> anyhow::Result<()> {

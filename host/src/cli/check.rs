@@ -1,7 +1,7 @@
 //! `relume check`: what is wrong with a post, in plain words, before it opens.
 
 use super::args::{Command, post_arguments};
-use crate::config::{ClockConfig, Config, SkyKind};
+use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind};
 use crate::display::headless::Headless;
 use crate::failure::Failure;
 use crate::lens::Lens;
@@ -82,9 +82,7 @@ fn check(file: &Path) -> Table {
         table.add("view", still.map(|s| ((), format!("{}: {}x{}", path.display(), s.width, s.height))));
     }
     sky(&config, &mut table);
-    let folder = &config.display.folder;
-    let display = Headless::open(folder, config.display.every, size.unwrap_or((1, 1)));
-    table.add("display", display.map(|_| ((), format!("pictures go to {}", folder.display()))));
+    table.add("display", display(&config, size.unwrap_or((1, 1))).map(|words| ((), words)));
     let state = crate::outfile::check_writable(&config.health);
     table.add("health", state.map(|()| ((), format!("{} can be written", config.health.display()))));
     table.add("clock", clock(&config).map(|words| ((), words)));
@@ -119,6 +117,19 @@ fn sky(config: &Config, table: &mut Table) {
         _ => "a simulated camera",
     };
     table.add("sky", Ok::<_, String>(((), words.to_string())));
+}
+
+fn display(config: &Config, picture: (usize, usize)) -> Result<String, Failure> {
+    match &config.display {
+        DisplayConfig::Headless { folder, every } => {
+            Headless::open(folder, *every, picture)?;
+            Ok(format!("pictures go to {}", folder.display()))
+        }
+        #[cfg(feature = "board")]
+        DisplayConfig::Kms(screen) => Ok(crate::display::kms::Kms::open(screen, picture)?.words()),
+        #[cfg(not(feature = "board"))]
+        DisplayConfig::Kms(_) => Err(super::run::no_drivers(config, "display.kind = \"kms\"")),
+    }
 }
 
 fn clock(config: &Config) -> Result<String, String> {

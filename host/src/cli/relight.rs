@@ -1,6 +1,7 @@
 //! `relume relight`: one picture of a field under one sky.
 
 use super::args::{Command, number, numbers, place, required};
+use crate::damage::Damage;
 use crate::exact::Stack;
 use crate::exposure::{EV_RANGE, automatic};
 use crate::failure::{Failure, OrFail};
@@ -221,7 +222,7 @@ fn write_shown(options: &Options, field: Field<'_>, weights: &PatchWeights) -> R
         exposure = painter.wanted_exposure().unwrap_or(1.0);
         note = painter.relight(weights, exposure as f32).or_bad()?;
     }
-    painter.draw().or_runtime()?;
+    painter.draw(&mut Damage::none(0, 0)).or_runtime()?;
     write_png(out, width, height, painter.pixels_bgrx())?;
     Ok((Some(exposure), note))
 }

@@ -2,7 +2,8 @@
 
 use super::args::{Command, post_arguments};
 use crate::clock::PostClock;
-use crate::config::{Config, SkyKind};
+use crate::config::{Config, DisplayConfig, SkyKind};
+use crate::display::Display;
 use crate::display::headless::Headless;
 use crate::failure::{Failure, OrFail};
 use crate::painter::field::FieldPainter;
@@ -62,11 +63,29 @@ fn run(config: &Config, stop: &AtomicBool) -> Result<PostReport, Failure> {
     painter.set_budget(config.budget).or_bad()?;
     let parts = Parts {
         sky: sky_source(config, &field)?,
-        display: Box::new(Headless::open(&config.display.folder, config.display.every, (width, height))?),
+        display: display(config, (width, height))?,
         painter: Box::new(painter),
         clock: PostClock::start(config.clock, made),
     };
     Post::new(config, parts).run(stop)
+}
+
+/// The display that the post's file asks for.
+fn display(config: &Config, picture: (usize, usize)) -> Result<Box<dyn Display>, Failure> {
+    match &config.display {
+        DisplayConfig::Headless { folder, every } => Ok(Box::new(Headless::open(folder, *every, picture)?)),
+        #[cfg(feature = "board")]
+        DisplayConfig::Kms(screen) => Ok(Box::new(crate::display::kms::Kms::open(screen, picture)?)),
+        #[cfg(not(feature = "board"))]
+        DisplayConfig::Kms(_) => Err(no_drivers(config, "display.kind = \"kms\"")),
+    }
+}
+
+/// What only a build for devices can do.
+#[cfg(not(feature = "board"))]
+pub(super) fn no_drivers(config: &Config, what: &str) -> Failure {
+    let file = config.file.display();
+    Failure::bad(format!("{file}: {what}: this build has no drivers; build with --features board"))
 }
 
 /// The source of light that the post's file asks for.

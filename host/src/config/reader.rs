@@ -57,6 +57,11 @@ impl Reader {
         self.root.contains_key(name)
     }
 
+    /// Is there a value for this key?
+    pub(super) fn has(&self, path: &str) -> bool {
+        self.get(path).is_some()
+    }
+
     fn get(&self, path: &str) -> Option<&Value> {
         let mut parts = path.split('.');
         let first = self.root.get(parts.next()?)?;

@@ -30,6 +30,23 @@ fn the_least_file_has_sensible_defaults() {
 }
 
 #[test]
+fn a_screen_is_asked_for_by_socket_mode_and_rotation() {
+    let kms = LEAST.replace("kind = 'headless'\nfolder = 'out'", "kind = 'kms'");
+    let config = load(&kms).unwrap();
+    assert_eq!(config.display, DisplayConfig::Kms(Default::default()));
+    assert_eq!(config.clock, ClockConfig::System { interval_s: 1.0 / 30.0 });
+    assert!(config.health.ends_with("health.json"));
+    let config = load(&format!("{kms}connector = 'HDMI-A-1'\nmode = '1920x1080@60'\nrotation_deg = 90\n")).unwrap();
+    let DisplayConfig::Kms(screen) = config.display else { panic!("{:?}", config.display) };
+    assert_eq!(screen.mode.unwrap().to_string(), "1920x1080@60");
+    assert_eq!(screen.rotation, crate::display::config::Rotation::Quarter);
+    refused(&format!("{kms}rotation_deg = 45\n"), &["display.rotation_deg = 45", "0, 90, 180 or 270"]);
+    refused(&format!("{kms}mode = 'big'\n"), &["display.mode = \"big\"", "1920x1080"]);
+    refused(&format!("{kms}folder = 'out'\n"), &["display.folder", "\"kms\""]);
+    refused(&format!("{LEAST}mode = '1x1'\n"), &["display.mode", "\"headless\""]);
+}
+
+#[test]
 fn unknown_keys_are_refused_with_the_nearest_name() {
     refused(&LEAST.replace("latitude", "latitute"), &["unknown key site.latitute", "did you mean site.latitude?"]);
     refused(&format!("titel = 'x'\n{LEAST}"), &["unknown key titel", "did you mean title?"]);

@@ -1,29 +1,13 @@
 //! DRM cards, their connectors and modes.
 
 use super::{Card, Connector, advice};
+use crate::display::kms::{Card as Node, connector_name};
 use drm::Device as _;
 use drm::control::{Device as _, ModeTypeFlags, connector};
-use std::fs::{self, File};
-use std::os::fd::{AsFd, BorrowedFd};
-use std::path::{Path, PathBuf};
-
-struct Node(File);
-
-impl AsFd for Node {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.0.as_fd()
-    }
-}
-
-impl drm::Device for Node {}
-impl drm::control::Device for Node {}
+use std::path::Path;
 
 pub(super) fn list() -> Vec<Card> {
-    let entries = fs::read_dir("/dev/dri").into_iter().flatten().flatten();
-    let is_card = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("card"));
-    let mut nodes: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(is_card).collect();
-    nodes.sort();
-    nodes.iter().map(|path| describe(path)).collect()
+    Node::all().iter().map(|path| describe(path)).collect()
 }
 
 fn describe(path: &Path) -> Card {
@@ -34,8 +18,8 @@ fn describe(path: &Path) -> Card {
         connectors: Vec::new(),
         problem: None,
     };
-    let node = match File::options().read(true).write(true).open(path) {
-        Ok(file) => Node(file),
+    let node = match Node::open(path) {
+        Ok(node) => node,
         Err(error) => {
             card.problem = Some(advice(path, &error));
             return card;
@@ -62,7 +46,7 @@ fn connector(node: &Node, handle: connector::Handle) -> Option<Connector> {
     modes.sort_by_key(|mode| !mode.mode_type().contains(ModeTypeFlags::PREFERRED));
     let name = |mode: &drm::control::Mode| format!("{}x{}@{}", mode.size().0, mode.size().1, mode.vrefresh());
     Some(Connector {
-        name: format!("{}-{}", info.interface().as_str(), info.interface_id()),
+        name: connector_name(&info),
         connected: info.state() == connector::State::Connected,
         modes: modes.iter().map(name).collect(),
     })

@@ -57,14 +57,16 @@ impl Display for Headless {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::damage::Damage;
 
     #[test]
     fn every_second_frame_is_written() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("pictures");
         let mut display = Headless::open(&out, 2, (1, 1)).unwrap();
+        let damage = Damage::whole(1, 1);
         for number in 0..5 {
-            let frame = Frame { width: 1, height: 1, pixels_bgrx: &[number as u32], number, changed: true };
+            let frame = Frame { width: 1, height: 1, pixels_bgrx: &[number as u32], number, damage: &damage };
             display.present(&frame).unwrap();
         }
         let mut names: Vec<_> =
@@ -80,7 +82,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         assert!(matches!(Headless::open(&folder.path().join("a/b"), 1, (1, 1)), Err(DisplayError::Folder { .. })));
         let mut display = Headless::open(folder.path(), 1, (2, 1)).unwrap();
-        let frame = Frame { width: 1, height: 1, pixels_bgrx: &[0], number: 0, changed: true };
+        let damage = Damage::whole(1, 1);
+        let frame = Frame { width: 1, height: 1, pixels_bgrx: &[0], number: 0, damage: &damage };
         assert!(matches!(display.present(&frame), Err(DisplayError::Size { .. })));
     }
 }

@@ -1,6 +1,7 @@
 //! A field as the picture shown.
 
 use super::Painter;
+use crate::damage::Damage;
 use crate::exposure::automatic;
 use crate::relight::{Budget, BudgetError, FrameCounters, Framebuffer, Relighter, View};
 use crate::sun::{dir_world, position_of};
@@ -85,8 +86,10 @@ impl Painter for FieldPainter<'_> {
         automatic(&picture.rgb, &picture.alpha)
     }
 
-    fn draw(&mut self) -> anyhow::Result<FrameCounters> {
-        Ok(self.relighter.draw(&self.view, &mut self.framebuffer))
+    fn draw(&mut self, damage: &mut Damage) -> anyhow::Result<FrameCounters> {
+        let counters = self.relighter.draw(&self.view, &mut self.framebuffer);
+        self.relighter.take_damage(damage);
+        Ok(counters)
     }
 
     fn pixels_bgrx(&self) -> &[u32] {

@@ -33,8 +33,11 @@ impl Painter for Pixel {
     fn wanted_exposure(&mut self) -> Option<f64> {
         (self.brightness > 0.0).then(|| 0.8 / f64::from(self.brightness))
     }
-    fn draw(&mut self) -> anyhow::Result<FrameCounters> {
+    fn draw(&mut self, damage: &mut Damage) -> anyhow::Result<FrameCounters> {
         let changed = self.pixels[0] != self.drawn;
+        if changed {
+            damage.mark(0);
+        }
         self.pixels[0] = self.drawn;
         Ok(FrameCounters { tiles: 1, tiles_drawn: usize::from(changed), ..FrameCounters::default() })
     }
@@ -47,12 +50,13 @@ impl Painter for Pixel {
 struct Script(Vec<Option<f32>>, usize);
 
 impl SkySource for Script {
-    fn read(&mut self, _moment: Moment) -> Result<SkyReading, SkyFault> {
+    fn read(&mut self, _moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault> {
         let step = self.0.get(self.1).ok_or(SkyFault::Ended)?;
         self.1 += 1;
         let radiance = step.ok_or_else(|| SkyFault::Failed("camera unplugged".into()))?;
         let weights = PatchWeights { radiance: vec![[radiance; 3]; 17], sun: None };
-        Ok(SkyReading { weights, sun: SunSource::None })
+        *into = SkyReading { weights, sun: SunSource::None, taken: None };
+        Ok(true)
     }
 }
 

@@ -95,10 +95,12 @@ impl Drawing<'_> {
                 Fate::Stays if state.waits => drew.waiting += one,
                 Fate::Stays => drew.kept += one,
                 Fate::ChangesView => {
+                    state.is_new = true;
                     self.compositor.view_alone(tile, state.change_view(self.view), &mut linear, target);
                     *(if state.waits { &mut drew.waiting } else { &mut drew.composited }) += one;
                 }
                 Fate::IsDrawn => {
+                    state.is_new = true;
                     self.draw(tile, (state, block), &shown, &mut linear, target);
                     drew.drawn += one;
                     drew.way_back += one * usize::from(block.level > 0);

@@ -39,6 +39,8 @@ pub(super) struct TileState {
     moved: Option<[[Sides; 3]; 2]>,
     /// Was it drawn with the newest frame?
     drawn_now: bool,
+    /// Have its pixels been written since they were asked for last?
+    pub(super) is_new: bool,
     /// Bounds of what is shown now: linear, and codes with rounding.
     pub(super) shown_bound: (f32, f32),
 }
@@ -65,6 +67,7 @@ impl TileState {
             dark_shares: dark_shares(tile),
             moved: None,
             drawn_now: false,
+            is_new: false,
             shown_bound: (0.0, 0.0),
         }
     }

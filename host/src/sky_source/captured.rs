@@ -12,6 +12,7 @@ use crate::lens::Lens;
 use crate::response::Response;
 use crate::sun::{Place, SunPosition, sun_position};
 use relume_firmware::patches::PatchSet;
+use std::time::Instant;
 
 /// Exposures of one series.
 const SERIES: usize = 4;
@@ -143,8 +144,9 @@ fn response(config: &Config, device: &Device) -> anyhow::Result<Response> {
 }
 
 impl SkySource for CapturedSky {
-    fn read(&mut self, moment: Moment) -> Result<SkyReading, SkyFault> {
+    fn read(&mut self, moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault> {
         self.take(moment.unix_s)?;
+        let taken = Instant::now();
         let captured = self.capture.weights(&self.merged, self.sun(moment)).map_err(failed)?;
         let sun = match captured.sun_source {
             capture::SunSource::Measured => SunSource::Measured,
@@ -153,7 +155,8 @@ impl SkySource for CapturedSky {
                 SunSource::None
             }
         };
-        Ok(SkyReading { weights: captured.weights, sun })
+        *into = SkyReading { weights: captured.weights, sun, taken: Some(taken) };
+        Ok(true)
     }
 }
 
@@ -176,14 +179,17 @@ mod tests {
         // Afternoon in June, then dusk: the exposures must follow over many stops.
         for unix_s in [1_782_052_000.0, 1_782_072_500.0] {
             let moment = Moment { unix_s, trusted: true };
-            let (seen, truth) = (camera.read(moment).unwrap(), model.read(moment).unwrap());
+            let (mut seen, mut truth) = (SkyReading::default(), SkyReading::default());
+            camera.read(moment, &mut seen).unwrap();
+            model.read(moment, &mut truth).unwrap();
             let mean = |r: &SkyReading| r.weights.radiance[..64].iter().map(|v| f64::from(v[1])).sum::<f64>();
             let ratio = mean(&seen) / mean(&truth);
             assert!((ratio - 1.0).abs() < 0.05, "{unix_s}: {ratio}");
             assert_eq!(seen.weights.sun.is_some(), truth.weights.sun.is_some(), "{unix_s}");
         }
         // Without the time there is no place for the sun.
-        let reading = camera.read(Moment { unix_s: 1_782_052_000.0, trusted: false }).unwrap();
+        let mut reading = SkyReading::default();
+        camera.read(Moment { unix_s: 1_782_052_000.0, trusted: false }, &mut reading).unwrap();
         assert!(reading.weights.sun.is_none());
     }
 }

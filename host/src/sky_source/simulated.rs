@@ -33,7 +33,7 @@ pub fn atmosphere(site: Site, weather: Weather) -> Atmosphere {
 }
 
 impl SkySource for SimulatedSky {
-    fn read(&mut self, moment: Moment) -> Result<SkyReading, SkyFault> {
+    fn read(&mut self, moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault> {
         let model = SkyModel::at(self.atmosphere, moment.unix_s, self.site.place, self.north_deg)
             .map_err(|e| SkyFault::Failed(e.to_string()))?;
         let mut weights = model.weights(&self.patches);
@@ -41,7 +41,8 @@ impl SkySource for SimulatedSky {
             weights.sun = None;
         }
         let sun = if weights.sun.is_some() { SunSource::Model } else { SunSource::None };
-        Ok(SkyReading { weights, sun })
+        *into = SkyReading { weights, sun, taken: None };
+        Ok(true)
     }
 }
 
@@ -57,12 +58,17 @@ mod tests {
         let weather = Weather { turbidity: 3.0, cloud_cover: 0.0, seed: 1 };
         let mut sky = SimulatedSky::new(site, weather, PatchSet::new(64).unwrap(), 0.0);
         let at = |unix_s| Moment { unix_s, trusted: true };
-        let noon = sky.read(at(parse_utc("2026-06-21T11:12:00Z").unwrap())).unwrap();
+        let mut read = |time: &str| {
+            let mut reading = SkyReading::default();
+            sky.read(at(parse_utc(time).unwrap()), &mut reading).unwrap();
+            reading
+        };
+        let noon = read("2026-06-21T11:12:00Z");
         assert_eq!(noon.sun, SunSource::Model);
         // Solar noon at 12.5 degrees east is 12:00 - 50 min + 2 min; altitude 90 - 41.9 + 23.44.
         let stands = position_of(noon.weights.sun.unwrap().dir_world, 0.0);
         assert!((stands.azimuth_deg - 180.0).abs() < 2.0 && (stands.altitude_deg - 71.5).abs() < 0.3, "{stands:?}");
-        let night = sky.read(at(parse_utc("2026-06-21T23:00:00Z").unwrap())).unwrap();
+        let night = read("2026-06-21T23:00:00Z");
         assert_eq!(night.sun, SunSource::None);
         assert!(night.weights.radiance[0][1] < 1e-3 * noon.weights.radiance[0][1]);
     }

@@ -1,0 +1,207 @@
+//! Setting the mode and flipping: atomically where the card can, else the legacy way.
+
+use super::card::Card;
+use super::output::{Output, planes};
+use drm::control::atomic::AtomicModeReq;
+use drm::control::property::{self, Value};
+use drm::control::{
+    AtomicCommitFlags, Device as _, Event, PageFlipFlags, ResourceHandle, crtc, framebuffer, plane,
+};
+use drm::{ClientCapability, Device as _};
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::time::Timespec;
+use std::io;
+use std::rc::Rc;
+use std::time::Duration;
+
+/// Properties of the plane that a flip or a new mode sets.
+const PLANE: [&str; 10] =
+    ["FB_ID", "CRTC_ID", "SRC_X", "SRC_Y", "SRC_W", "SRC_H", "CRTC_X", "CRTC_Y", "CRTC_W", "CRTC_H"];
+
+/// What an atomic request names.
+struct Atomic {
+    plane: plane::Handle,
+    others: Vec<plane::Handle>,
+    plane_properties: [property::Handle; PLANE.len()],
+    mode_id: property::Handle,
+    active: property::Handle,
+    connector_crtc: property::Handle,
+}
+
+/// A screen that shows framebuffers, and what was there before.
+pub(super) struct Pipe {
+    card: Rc<Card>,
+    output: Output,
+    atomic: Option<Atomic>,
+    before: Option<crtc::Info>,
+    is_set: bool,
+    flips: bool,
+}
+
+impl Pipe {
+    /// Prepares an output; nothing is shown yet.
+    pub(super) fn new(card: &Rc<Card>, output: Output) -> Self {
+        let can = card.set_client_capability(ClientCapability::UniversalPlanes, true).is_ok()
+            && card.set_client_capability(ClientCapability::Atomic, true).is_ok();
+        let atomic = if can { Atomic::find(card, &output) } else { None };
+        let before = card.get_crtc(output.crtc).ok();
+        Pipe { card: Rc::clone(card), output, atomic, before, is_set: false, flips: false }
+    }
+
+    pub(super) fn output(&self) -> &Output {
+        &self.output
+    }
+
+    /// `atomic` or `legacy`.
+    pub(super) fn way(&self) -> &'static str {
+        if self.atomic.is_some() { "atomic" } else { "legacy" }
+    }
+
+    /// The formats (fourcc) that the screen's plane takes; `None` if that is not known.
+    pub(super) fn formats(&self) -> Option<Vec<u32>> {
+        Some(self.card.get_plane(self.atomic.as_ref()?.plane).ok()?.formats().to_vec())
+    }
+
+    /// Is a flip under way?
+    pub(super) fn is_flipping(&self) -> bool {
+        self.flips
+    }
+
+    /// Shows a framebuffer from the next refresh on; the first time, sets the mode.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub(super) fn show(&mut self, framebuffer: framebuffer::Handle) -> io::Result<()> {
+        if !self.is_set {
+            self.set_mode(framebuffer)?;
+            self.is_set = true;
+            return Ok(());
+        }
+        match &self.atomic {
+            Some(atomic) => {
+                let mut request = AtomicModeReq::new();
+                let value = Value::Framebuffer(Some(framebuffer));
+                request.add_property(atomic.plane, atomic.plane_properties[0], value);
+                self.card.atomic_commit(AtomicCommitFlags::NONBLOCK | AtomicCommitFlags::PAGE_FLIP_EVENT, request)?;
+            }
+            None => self.card.page_flip(self.output.crtc, framebuffer, PageFlipFlags::EVENT, None)?,
+        }
+        self.flips = true;
+        Ok(())
+    }
+
+    /// Waits until the flip under way is done, no longer than `limit`; false if it is not.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub(super) fn wait(&mut self, limit: Duration) -> io::Result<bool> {
+        let limit = Timespec::try_from(limit).map_err(io::Error::other)?;
+        while self.flips {
+            let mut descriptors = [PollFd::new(&*self.card, PollFlags::IN)];
+            match poll(&mut descriptors, Some(&limit)) {
+                Ok(0) => return Ok(false),
+                Ok(_) if descriptors[0].revents().intersects(PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL) => {
+                    return Err(io::ErrorKind::BrokenPipe.into());
+                }
+                Ok(_) => {}
+                Err(rustix::io::Errno::INTR) => continue,
+                Err(error) => return Err(error.into()),
+            }
+            let done = self.card.receive_events()?.any(|event| matches!(event, Event::PageFlip(_)));
+            self.flips &= !done;
+        }
+        Ok(true)
+    }
+
+    fn set_mode(&self, framebuffer: framebuffer::Handle) -> io::Result<()> {
+        let Some(atomic) = &self.atomic else {
+            // The legacy cursor is a plane of its own; a card without one says so.
+            #[allow(deprecated)]
+            let _ = self.card.set_cursor(self.output.crtc, None::<&drm::control::dumbbuffer::DumbBuffer>);
+            let (output, mode) = (&self.output, self.output.mode);
+            return self.card.set_crtc(output.crtc, Some(framebuffer), (0, 0), &[output.connector], Some(mode));
+        };
+        let blob = self.card.create_property_blob(&self.output.mode)?;
+        let request = atomic.mode_request(&self.output, framebuffer, blob);
+        let test = AtomicCommitFlags::TEST_ONLY | AtomicCommitFlags::ALLOW_MODESET;
+        let done = self
+            .card
+            .atomic_commit(test, request.clone())
+            .and_then(|()| self.card.atomic_commit(AtomicCommitFlags::ALLOW_MODESET, request));
+        if let Value::Blob(id) = blob {
+            // The kernel keeps what it uses.
+            let _ = self.card.destroy_property_blob(id);
+        }
+        done
+    }
+}
+
+impl Drop for Pipe {
+    fn drop(&mut self) {
+        // What was shown before, the console as a rule, comes back; a card that is gone shows nothing anyway.
+        if let (true, Some(before)) = (self.is_set, &self.before) {
+            let connectors = if before.mode().is_some() { vec![self.output.connector] } else { Vec::new() };
+            let framebuffer = before.mode().and(before.framebuffer());
+            let _ = self.card.set_crtc(self.output.crtc, framebuffer, before.position(), &connectors, before.mode());
+        }
+    }
+}
+
+impl Atomic {
+    /// Finds what a request must name; `None` if the card lacks any of it.
+    fn find(card: &Card, output: &Output) -> Option<Self> {
+        let (plane, others) = planes(card, output.crtc)?;
+        let mut plane_properties = [property(card, plane, PLANE[0])?; PLANE.len()];
+        for (found, name) in plane_properties.iter_mut().zip(PLANE) {
+            *found = property(card, plane, name)?;
+        }
+        Some(Atomic {
+            plane,
+            others,
+            plane_properties,
+            mode_id: property(card, output.crtc, "MODE_ID")?,
+            active: property(card, output.crtc, "ACTIVE")?,
+            connector_crtc: property(card, output.connector, "CRTC_ID")?,
+        })
+    }
+
+    /// Mode, connector and plane in one request; other planes on the screen (a cursor) go.
+    fn mode_request(&self, output: &Output, framebuffer: framebuffer::Handle, mode: Value<'static>) -> AtomicModeReq {
+        let (width, height) = output.mode.size();
+        let whole = |length: u16| Value::UnsignedRange(u64::from(length) << 16);
+        let values: [Value<'_>; PLANE.len()] = [
+            Value::Framebuffer(Some(framebuffer)),
+            Value::CRTC(Some(output.crtc)),
+            Value::UnsignedRange(0),
+            Value::UnsignedRange(0),
+            whole(width),
+            whole(height),
+            Value::SignedRange(0),
+            Value::SignedRange(0),
+            Value::UnsignedRange(width.into()),
+            Value::UnsignedRange(height.into()),
+        ];
+        let mut request = AtomicModeReq::new();
+        request.add_property(output.connector, self.connector_crtc, Value::CRTC(Some(output.crtc)));
+        request.add_property(output.crtc, self.mode_id, mode);
+        request.add_property(output.crtc, self.active, Value::Boolean(true));
+        for (property, value) in self.plane_properties.iter().zip(values) {
+            request.add_property(self.plane, *property, value);
+        }
+        for &other in &self.others {
+            // A plane's properties have the same handles on all planes of a card.
+            request.add_property(other, self.plane_properties[0], Value::Framebuffer(None));
+            request.add_property(other, self.plane_properties[1], Value::CRTC(None));
+        }
+        request
+    }
+}
+
+/// The handle of an object's property of this name.
+fn property<T: ResourceHandle>(card: &Card, object: T, name: &str) -> Option<property::Handle> {
+    let properties = card.get_properties(object).ok()?;
+    let named = |handle: &property::Handle| {
+        card.get_property(*handle).is_ok_and(|property| property.name().to_bytes() == name.as_bytes())
+    };
+    properties.iter().map(|(handle, _)| *handle).find(named)
+}
