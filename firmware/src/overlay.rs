@@ -81,6 +81,11 @@ impl Overlay {
         }
     }
 
+    /// Puts the picture `under`, without labels, back into an area.
+    pub fn restore(&self, under: ViewPixels<'_>, surface: &mut Surface<'_>, area: &Rectangle) {
+        Paint::new(&self.light, under, surface, area).restore();
+    }
+
     fn words<'a>(&self, labels: &Labels<'a>) -> caption::Layout<'a> {
         caption::Layout::new(self.size, self.faces, &labels.words)
     }

@@ -146,9 +146,9 @@ pub struct Limits {
 pub struct Config {
     /// The file itself.
     pub file: PathBuf,
-    /// Shown at the foot of the picture; empty for none.
+    /// Shown at the foot of the picture, one line; empty for none.
     pub title: String,
-    /// Shown after the title; empty for none.
+    /// Shown below the title, two lines at most; empty for none.
     pub caption: String,
     /// The field file.
     pub field: PathBuf,

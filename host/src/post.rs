@@ -5,15 +5,14 @@ use crate::config::{Config, Limits};
 use crate::display::{Display, Frame};
 use crate::exposure::ExposureControl;
 use crate::failure::{Failure, OrFail};
-use crate::health::{Health, WeightsState};
+use crate::health::{Health, WELL, WeightsState};
+use crate::labels::{Labels, News};
 use crate::painter::Painter;
 use crate::relight::FrameCounters;
 use crate::sky_source::{SkyFault, SkyReading, SkySource, SunSource};
-use crate::sun::{format_utc, position_of};
+use crate::sun::{SunPosition, format_utc, position_of};
 use crate::weights::PatchWeights;
-use embedded_graphics::geometry::Size;
-use relume_firmware::overlay;
-use relume_firmware::surface::Surface;
+use relume_firmware::field::CameraRecord;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -56,7 +55,7 @@ pub struct Post<'p> {
     parts: Parts<'p>,
     exposure: ExposureControl,
     limits: Limits,
-    words: String,
+    labels: Labels,
     shown: Vec<u32>,
     held: SkyReading,
     held_since_unix_s: Option<f64>,
@@ -82,12 +81,10 @@ fn even_sky(patches: usize) -> SkyReading {
 impl<'p> Post<'p> {
     /// Puts a post together; nothing is shown yet.
     pub fn new(config: &Config, parts: Parts<'p>) -> Self {
-        let words = [config.title.as_str(), config.caption.as_str()];
-        let words: Vec<&str> = words.into_iter().filter(|text| !text.is_empty()).collect();
         Post {
             exposure: ExposureControl::new(config.exposure),
             limits: config.limits,
-            words: words.join(" - "),
+            labels: Labels::new(config, parts.painter.size()),
             shown: Vec::new(),
             held: even_sky(parts.painter.patch_set().len()),
             held_since_unix_s: None,
@@ -107,6 +104,11 @@ impl<'p> Post<'p> {
         }
     }
 
+    /// Shows the installer's labels too: a compass for the view of `camera`, and the state even when it is well.
+    pub fn set_up(&mut self, camera: &CameraRecord) {
+        self.labels.set_up(camera);
+    }
+
     /// Runs until a limit is reached, the sky source has ended, or `stop` is set.
     ///
     /// # Errors
@@ -122,7 +124,7 @@ impl<'p> Post<'p> {
             if has_ended && self.frames > 0 {
                 break ("replay ended", moment);
             }
-            self.show()?;
+            self.show(moment)?;
             self.tell(moment, false);
             self.parts.clock.wait_for(self.frames, stop);
         };
@@ -168,21 +170,38 @@ impl<'p> Post<'p> {
     }
 
     /// Relights, draws and presents one frame.
-    fn show(&mut self) -> Result<(), Failure> {
+    fn show(&mut self, moment: Moment) -> Result<(), Failure> {
         self.relight();
         self.counters = self.parts.painter.draw().or_runtime()?;
-        let changed = self.counters.tiles_drawn + self.counters.tiles_composited > 0;
-        let (width, height) = self.parts.painter.size();
-        if changed || self.frames == 0 {
-            self.frames_changed += 1;
+        let copied = self.frames == 0 || self.counters.tiles_drawn + self.counters.tiles_composited > 0;
+        if copied {
             self.shown.clear();
             self.shown.extend_from_slice(self.parts.painter.pixels_bgrx());
-            caption(&mut self.shown, width, height, &self.words)?;
         }
+        let changed = self.label(moment, copied)? || copied;
+        self.frames_changed += u64::from(changed);
+        let (width, height) = self.parts.painter.size();
         let frame = Frame { width, height, pixels_bgrx: &self.shown, number: self.frames, changed };
         self.parts.display.present(&frame)?;
         self.frames += 1;
         Ok(())
+    }
+
+    /// Draws the labels that have changed, or all over a picture that was `copied` anew. True if any was drawn.
+    fn label(&mut self, moment: Moment, copied: bool) -> Result<bool, Failure> {
+        let held = self.held_since_unix_s.filter(|_| self.weights == WeightsState::Held);
+        let held_s = held.map(|since| moment.unix_s - since);
+        let (state, sun) = (self.state(moment), self.sun());
+        if !self.labels.tell(&News { moment, state: &state, held_s, sun }) && !copied {
+            return Ok(false);
+        }
+        let areas = self.labels.draw(self.parts.painter.pixels_bgrx(), &mut self.shown, copied).or_runtime()?;
+        Ok(areas.iter().any(|area| !area.is_zero_sized()))
+    }
+
+    /// Where the sun stands that shines in the picture.
+    fn sun(&self) -> Option<SunPosition> {
+        self.held.weights.sun.map(|sun| position_of(sun.dir_world, self.parts.painter.north_deg()))
     }
 
     /// New weights to the painter; a second time where they ask for another exposure. Weights that do not fit are a
@@ -229,8 +248,6 @@ impl<'p> Post<'p> {
     }
 
     fn health(&self, moment: Moment) -> Health {
-        let sun = self.held.weights.sun;
-        let position = sun.map(|sun| position_of(sun.dir_world, self.parts.painter.north_deg()));
         Health {
             state: self.state(moment),
             frames: self.frames,
@@ -240,7 +257,7 @@ impl<'p> Post<'p> {
             weights: self.weights,
             weights_age_s: self.held_since_unix_s.map_or(0.0, |since| moment.unix_s - since),
             sun: self.held.sun,
-            sun_azimuth_altitude_deg: position.map(|p| [p.azimuth_deg, p.altitude_deg]),
+            sun_azimuth_altitude_deg: self.sun().map(|p| [p.azimuth_deg, p.altitude_deg]),
             exposure_ev: self.exposure.ev(),
             sky_faults: self.sky_faults,
             last_fault: self.last_fault.clone(),
@@ -260,17 +277,8 @@ impl<'p> Post<'p> {
         if !moment.trusted {
             parts.push("clock not trusted, no sun shown".to_string());
         }
-        if parts.is_empty() { "ok".into() } else { parts.join("; ") }
+        if parts.is_empty() { WELL.into() } else { parts.join("; ") }
     }
-}
-
-fn caption(pixels: &mut [u32], width: usize, height: usize, words: &str) -> Result<(), Failure> {
-    if words.is_empty() || overlay::caption_area(Size::new(width as u32, height as u32)).size.height == 0 {
-        return Ok(());
-    }
-    let mut surface = Surface::new(pixels, width, height, width).or_runtime()?;
-    overlay::caption(&mut surface, words);
-    Ok(())
 }
 
 #[cfg(test)]

@@ -37,7 +37,7 @@ impl Compass {
     }
 
     /// Degrees clockwise from where the view looks, 0 to 359.
-    fn from_view(&self, azimuth_deg: i32) -> i32 {
+    fn bearing(&self, azimuth_deg: i32) -> i32 {
         (azimuth_deg - self.view_azimuth_deg).rem_euclid(360)
     }
 
@@ -46,10 +46,10 @@ impl Compass {
         let view = self.view_azimuth_deg;
         let written = match (number, self.sun) {
             (0, _) => write!(text, "view  {view}° {}, {}", wind(view), Tilt(self.view_altitude_deg)),
-            (1, _) => write!(text, "north {}", Aside(self.from_view(0))),
+            (1, _) => write!(text, "north {}", Aside(self.bearing(0))),
             (2, None) => write!(text, "sun   not known"),
             (2, Some((azimuth, altitude))) => write!(text, "sun   {azimuth}° {}, {}", wind(azimuth), Tilt(altitude)),
-            (3, Some((azimuth, _))) => write!(text, "      {}", Aside(self.from_view(azimuth))),
+            (3, Some((azimuth, _))) => write!(text, "      {}", Aside(self.bearing(azimuth))),
             _ => Ok(()),
         };
         // A line that is full keeps what it has.
@@ -169,23 +169,23 @@ impl Layout {
         let at = |degrees: i32, reach: f32| polar(middle, degrees, reach * half);
         paint.ring(middle, radius, thin, PALE);
         for azimuth in (0..360).step_by(30) {
-            let degrees = self.compass.from_view(azimuth);
+            let degrees = self.compass.bearing(azimuth);
             paint.stroke(at(degrees, RING - 0.07), at(degrees, RING), thin, PALE);
         }
         paint.triangle([at(0, RING + 0.02), at(-7, 0.97), at(7, 0.97)], WHITE);
         self.draw_needle(paint, middle, half);
         for (k, wind) in WINDS.iter().step_by(2).enumerate() {
             let ink = if k == 0 { ORANGE } else { PALE };
-            self.letter(paint, at(self.compass.from_view(90 * k as i32), 0.49), wind, ink);
+            self.letter(paint, at(self.compass.bearing(90 * k as i32), 0.49), wind, ink);
         }
         if let Some((azimuth, altitude)) = self.compass.sun {
-            draw_sun(paint, middle, self.compass.from_view(azimuth), altitude, half);
+            draw_sun(paint, middle, self.compass.bearing(azimuth), altitude, half);
         }
     }
 
     /// Points north.
     fn draw_needle(&self, paint: &mut Paint<'_, '_>, middle: Place, half: f32) {
-        let north = self.compass.from_view(0);
+        let north = self.compass.bearing(0);
         let at = |degrees: i32, reach: f32| polar(middle, degrees, reach * half);
         paint.triangle([at(north, 0.33), at(north - 90, 0.1), at(north + 90, 0.1)], VERMILLION);
         paint.triangle([at(north + 180, 0.33), at(north - 90, 0.1), at(north + 90, 0.1)], PALE);

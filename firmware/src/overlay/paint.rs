@@ -44,6 +44,15 @@ impl<'a, 's> Paint<'a, 's> {
         Paint { light, under, clip: whole.intersection(clip), surface }
     }
 
+    /// The picture below, in all of the clip.
+    pub(super) fn restore(&mut self) {
+        let columns = self.clip.columns();
+        for y in self.clip.rows() {
+            let row = &mut self.surface.row_mut(y as usize)[columns.start as usize..columns.end as usize];
+            self.under.copy_row(columns.start as usize, y as usize, row);
+        }
+    }
+
     /// Does any of the area lie inside the clip?
     pub(super) fn shows(&self, area: &Rectangle) -> bool {
         !self.clip.intersection(area).is_zero_sized()
@@ -76,13 +85,13 @@ impl<'a, 's> Paint<'a, 's> {
             let (x, y) = centre(at);
             let (dx, dy) = (radius - 0.5 - (x - start.0).min(end.0 - x), radius - 0.5 - (y - start.1).min(end.1 - y));
             if dx > 0.0 && dy > 0.0 {
-                self.restore(at, VEIL * (0.5 + radius - sqrtf(dx * dx + dy * dy)).clamp(0.0, 1.0));
+                self.veil_one(at, VEIL * (0.5 + radius - sqrtf(dx * dx + dy * dy)).clamp(0.0, 1.0));
             }
         }
     }
 
     /// The picture below with `veil` of its light taken away, at one pixel of the clip.
-    fn restore(&mut self, at: Point, veil: f32) {
+    fn veil_one(&mut self, at: Point, veil: f32) {
         let (x, y) = (at.x as usize, at.y as usize);
         self.under.copy_row(x, y, &mut self.surface.row_mut(y)[x..=x]);
         self.blend(at, BLACK, veil);
