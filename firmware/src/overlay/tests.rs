@@ -96,6 +96,17 @@ fn a_scaled_letter_keeps_its_strokes_and_its_weight() {
 }
 
 #[test]
+fn a_scaled_stem_stays_straight_and_sharp() {
+    let mut inked = Vec::new();
+    Faces::of(Size::new(1920, 1080)).title.ink('H', |at, coverage| inked.push((at, coverage)));
+    // Two stems of two of the font's pixels, between the top and the bar.
+    let stems = reference(&mono_font::iso_8859_1::FONT_10X20, 'H').into_iter().filter(|at| at.y == 6).count();
+    let rows: Vec<_> = inked.iter().filter(|(at, _)| (18..21).contains(&at.y)).collect();
+    assert_eq!((stems, rows.len()), (4, 4 * 9));
+    assert!(rows.iter().all(|(_, coverage)| *coverage == 1.0), "{rows:?}");
+}
+
+#[test]
 fn light_is_blended_as_light() {
     let light = ViewLight::new();
     for coverage in [0.0, 0.125, 0.5, 0.875, 1.0f32] {
@@ -181,7 +192,11 @@ fn drawing_again_or_part_by_part_changes_nothing() {
     let (under, labels) = (picture(width, height), all_labels());
     let (once, _) = drawn((width, height), &labels, &under);
     let overlay = Overlay::new(Size::new(512, 384));
+    let view = ViewPixels { pixels_xrgb: &under, stride: width };
     let mut shown = once.clone();
+    let mut surface = Surface::new(&mut shown, width, height, width).unwrap();
+    overlay.draw(&labels, view, &mut surface, &Rectangle::new(Point::zero(), Size::new(512, 384)));
+    assert!(shown == once, "nothing is darkened twice");
     // Half of the tiles are drawn anew, without labels, then labelled alone.
     let mut surface = Surface::new(&mut shown, width, height, width).unwrap();
     for tile in (0..32 * 24).step_by(2) {
@@ -190,9 +205,17 @@ fn drawing_again_or_part_by_part_changes_nothing() {
             surface.row_mut(y)[x0..x0 + 16].copy_from_slice(&under[y * width + x0..][..16]);
         }
         let clip = Rectangle::new(Point::new(x0 as i32, y0 as i32), Size::new(16, 16));
-        overlay.draw(&labels, ViewPixels { pixels_xrgb: &under, stride: width }, &mut surface, &clip);
+        overlay.draw(&labels, view, &mut surface, &clip);
     }
     assert!(shown == once);
+    // Nothing beside the clip, and in it what it should be.
+    let mut shown = under.clone();
+    let clip = Rectangle::new(Point::new(100, 20), Size::new(90, 350));
+    overlay.draw(&labels, view, &mut Surface::new(&mut shown, width, height, width).unwrap(), &clip);
+    for at in 0..width * height {
+        let inside = clip.contains(Point::new((at % width) as i32, (at / width) as i32));
+        assert_eq!(shown[at], if inside { once[at] } else { under[at] });
+    }
 }
 
 #[test]
