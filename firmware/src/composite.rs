@@ -26,7 +26,7 @@ impl ViewPixels<'_> {
     }
 
     /// Copies a part of row `y` from `x` on; what the view lacks is black.
-    fn copy_row(&self, x: usize, y: usize, out: &mut [u32]) {
+    pub(crate) fn copy_row(&self, x: usize, y: usize, out: &mut [u32]) {
         let from = y * self.stride + x;
         match self.pixels_xrgb.get(from..from + out.len()) {
             Some(row) => out.copy_from_slice(row),

@@ -145,9 +145,9 @@ pub struct Limits {
 pub struct Config {
     /// The file itself.
     pub file: PathBuf,
-    /// Shown at the foot of the picture; empty for none.
+    /// Shown at the foot of the picture, one line; empty for none.
     pub title: String,
-    /// Shown after the title; empty for none.
+    /// Shown below the title, two lines at most; empty for none.
     pub caption: String,
     /// The field file.
     pub field: PathBuf,
@@ -272,7 +272,9 @@ fn clock(r: &Reader, interval_by_default_s: f64) -> Result<ClockConfig, ConfigEr
         (Some(start_unix_s), step_s, speed, None) => {
             Ok(ClockConfig::Simulated { start_unix_s, step_s: step_s.unwrap_or(60.0), speed })
         }
-        (None, None, None, interval_s) => Ok(ClockConfig::System { interval_s: interval_s.unwrap_or(interval_by_default_s) }),
+        (None, None, None, interval_s) => {
+            Ok(ClockConfig::System { interval_s: interval_s.unwrap_or(interval_by_default_s) })
+        }
         (None, ..) => Err(r.fault("run.step_s and run.speed need run.start, the time of the first frame".into())),
     }
 }

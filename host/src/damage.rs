@@ -57,16 +57,18 @@ impl Damage {
         self.count = self.marks.len();
     }
 
-    /// Marks the tiles that pixel rows `rows` lie in.
-    pub fn mark_rows(&mut self, rows: Range<usize>) {
-        let tiles = tile_rows(rows, self.height);
-        (tiles.start * self.columns..tiles.end * self.columns).for_each(|tile| self.mark(tile));
+    /// Marks the tiles that an area of pixels lies in.
+    pub fn mark_area(&mut self, rows: Range<usize>, columns: Range<usize>) {
+        let (rows, columns) = (tiles(rows, self.height), tiles(columns, self.width));
+        for row in rows {
+            columns.clone().for_each(|column| self.mark(row * self.columns + column));
+        }
     }
 
-    /// Is any tile marked that pixel rows `rows` lie in?
-    pub fn touches_rows(&self, rows: Range<usize>) -> bool {
-        let tiles = tile_rows(rows, self.height);
-        self.marks[tiles.start * self.columns..tiles.end * self.columns].contains(&true)
+    /// Is any tile marked that an area of pixels lies in?
+    pub fn touches(&self, rows: Range<usize>, columns: Range<usize>) -> bool {
+        let (mut rows, columns) = (tiles(rows, self.height), tiles(columns, self.width));
+        self.count > 0 && rows.any(|row| columns.clone().any(|column| self.marks[row * self.columns + column]))
     }
 
     /// Marks what `other` marks. Both must be of one size.
@@ -99,18 +101,15 @@ impl Damage {
                 let after = marks[first..].iter().position(|&mark| !mark).map_or(marks.len(), |length| first + length);
                 next = after;
                 let cut = |tile: usize, most: usize| (tile * TILE_PX).min(most);
-                Some((
-                    cut(row, self.height)..cut(row + 1, self.height),
-                    cut(first, self.width)..cut(after, self.width),
-                ))
+                Some((cut(row, self.height)..cut(row + 1, self.height), cut(first, self.width)..cut(after, self.width)))
             })
         })
     }
 }
 
-fn tile_rows(rows: Range<usize>, height: usize) -> Range<usize> {
-    let end = rows.end.min(height);
-    if rows.start >= end { 0..0 } else { rows.start / TILE_PX..end.div_ceil(TILE_PX) }
+fn tiles(pixels: Range<usize>, most: usize) -> Range<usize> {
+    let end = pixels.end.min(most);
+    if pixels.start >= end { 0..0 } else { pixels.start / TILE_PX..end.div_ceil(TILE_PX) }
 }
 
 #[cfg(test)]
@@ -131,13 +130,14 @@ mod tests {
     }
 
     #[test]
-    fn rows_mark_the_tiles_they_lie_in() {
+    fn areas_mark_the_tiles_they_lie_in() {
         let mut damage = Damage::none(32, 64);
-        damage.mark_rows(15..33);
+        damage.mark_area(15..33, 0..32);
         assert_eq!(damage.areas().map(|(rows, _)| rows).collect::<Vec<_>>(), [0..16, 16..32, 32..48]);
-        assert!(damage.touches_rows(40..50) && !damage.touches_rows(48..64) && !damage.touches_rows(5..5));
-        damage.mark_rows(60..600);
-        assert_eq!(damage.count(), 8);
+        assert!(damage.touches(40..50, 3..4) && !damage.touches(48..64, 0..32) && !damage.touches(5..5, 0..32));
+        damage.mark_area(60..600, 16..99);
+        assert_eq!(damage.count(), 7);
+        assert!(damage.touches(63..64, 20..21) && !damage.touches(63..64, 0..16));
     }
 
     #[test]

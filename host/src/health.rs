@@ -7,6 +7,9 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
 
+/// The state when there is nothing to do.
+pub const WELL: &str = "ok";
+
 /// Where the weights in use come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]

@@ -9,6 +9,7 @@ pub mod display;
 pub mod exact;
 pub mod exposure;
 pub mod health;
+pub mod labels;
 pub mod lens;
 pub mod painter;
 pub mod picture;

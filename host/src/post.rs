@@ -6,21 +6,20 @@ use crate::damage::Damage;
 use crate::display::{Display, Frame};
 use crate::exposure::ExposureControl;
 use crate::failure::{Failure, OrFail};
-use crate::health::{Health, WeightsState};
+use crate::health::{Health, WELL, WeightsState};
+use crate::labels::{Labels, News};
 use crate::painter::Painter;
 use crate::relight::FrameCounters;
 use crate::sky_source::{SkyFault, SkyReading, SkySource, SunSource};
-use crate::sun::{format_utc, position_of};
+use crate::sun::{SunPosition, format_utc, position_of};
 use crate::weights::PatchWeights;
-use embedded_graphics::geometry::Size;
-use relume_firmware::overlay;
-use relume_firmware::surface::Surface;
+use relume_firmware::field::CameraRecord;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How often the state is written when nothing in it changes.
+/// How often the state is written, and shown where it is, when nothing in it changes.
 const HEALTH_INTERVAL: Duration = Duration::from_secs(1);
 
 /// What a post did, when it has ended.
@@ -57,7 +56,9 @@ pub struct Post<'p> {
     parts: Parts<'p>,
     exposure: ExposureControl,
     limits: Limits,
-    words: String,
+    labels: Labels,
+    labelled: Option<Vital>,
+    labelled_at: Instant,
     shown: Vec<u32>,
     damage: Damage,
     held: SkyReading,
@@ -116,12 +117,12 @@ fn even_sky(patches: usize) -> SkyReading {
 impl<'p> Post<'p> {
     /// Puts a post together; nothing is shown yet.
     pub fn new(config: &Config, parts: Parts<'p>) -> Self {
-        let words = [config.title.as_str(), config.caption.as_str()];
-        let words: Vec<&str> = words.into_iter().filter(|text| !text.is_empty()).collect();
         Post {
             exposure: ExposureControl::new(config.exposure),
             limits: config.limits,
-            words: words.join(" - "),
+            labels: Labels::new(config, parts.painter.size()),
+            labelled: None,
+            labelled_at: Instant::now(),
             shown: vec![0; parts.painter.size().0 * parts.painter.size().1],
             damage: Damage::whole(parts.painter.size().0, parts.painter.size().1),
             held: even_sky(parts.painter.patch_set().len()),
@@ -145,6 +146,11 @@ impl<'p> Post<'p> {
         }
     }
 
+    /// Shows the installer's labels too: a compass for the view of `camera`, and the state even when it is well.
+    pub fn set_up(&mut self, camera: &CameraRecord) {
+        self.labels.set_up(camera);
+    }
+
     /// Runs until a limit is reached, the sky source has ended, or `stop` is set.
     ///
     /// # Errors
@@ -160,7 +166,7 @@ impl<'p> Post<'p> {
             if has_ended && self.frames > 0 {
                 break ("replay ended", moment);
             }
-            self.show()?;
+            self.show(moment)?;
             self.tell(moment, false);
             self.parts.clock.wait_for(self.frames, stop);
         };
@@ -208,7 +214,7 @@ impl<'p> Post<'p> {
     }
 
     /// Relights, draws and presents one frame.
-    fn show(&mut self) -> Result<(), Failure> {
+    fn show(&mut self, moment: Moment) -> Result<(), Failure> {
         let relit = std::mem::take(&mut self.is_new);
         if relit {
             self.relight();
@@ -218,10 +224,9 @@ impl<'p> Post<'p> {
         }
         self.counters = self.parts.painter.draw(&mut self.damage).or_runtime()?;
         let (width, height) = self.parts.painter.size();
-        if !self.damage.is_empty() {
-            self.frames_changed += 1;
-            self.compose(width, height)?;
-        }
+        self.copy_damaged(width);
+        self.label(moment)?;
+        self.frames_changed += u64::from(!self.damage.is_empty());
         let frame = Frame { width, height, pixels_bgrx: &self.shown, number: self.frames, damage: &self.damage };
         self.parts.display.present(&frame)?;
         if let (true, Some(taken)) = (relit, self.held.taken) {
@@ -231,15 +236,8 @@ impl<'p> Post<'p> {
         Ok(())
     }
 
-    /// The picture with its words. What lies under the words is copied whole when any of it has changed, because the words
-    /// darken it.
-    fn compose(&mut self, width: usize, height: usize) -> Result<(), Failure> {
-        let words = overlay::caption_area(Size::new(width as u32, height as u32));
-        let rows = words.top_left.y as usize..height;
-        let has_words = !self.words.is_empty() && self.damage.touches_rows(rows.clone());
-        if has_words {
-            self.damage.mark_rows(rows);
-        }
+    /// What was drawn, to the picture shown.
+    fn copy_damaged(&mut self, width: usize) {
         let picture = self.parts.painter.pixels_bgrx();
         for (rows, columns) in self.damage.areas() {
             for row in rows {
@@ -247,7 +245,24 @@ impl<'p> Post<'p> {
                 self.shown[place.clone()].copy_from_slice(&picture[place]);
             }
         }
-        if has_words { caption(&mut self.shown, width, height, &self.words) } else { Ok(()) }
+    }
+
+    /// Draws the labels that have changed, and those over which the picture was copied.
+    fn label(&mut self, moment: Moment) -> Result<(), Failure> {
+        let vital = self.vital(moment);
+        if self.labelled != Some(vital) || self.labelled_at.elapsed() >= HEALTH_INTERVAL {
+            let held = self.held_since_unix_s.filter(|_| self.weights == WeightsState::Held);
+            let held_s = held.map(|since| moment.unix_s - since);
+            let (state, sun) = (self.state(moment), self.sun());
+            self.labels.tell(&News { moment, state: &state, held_s, sun });
+            (self.labelled, self.labelled_at) = (Some(vital), Instant::now());
+        }
+        self.labels.draw(self.parts.painter.pixels_bgrx(), &mut self.shown, &mut self.damage).or_runtime()
+    }
+
+    /// Where the sun stands that shines in the picture.
+    fn sun(&self) -> Option<SunPosition> {
+        self.held.weights.sun.map(|sun| position_of(sun.dir_world, self.parts.painter.north_deg()))
     }
 
     /// New weights to the painter; a second time where they ask for another exposure. Weights that do not fit are a
@@ -304,8 +319,6 @@ impl<'p> Post<'p> {
     }
 
     fn health(&self, moment: Moment) -> Health {
-        let sun = self.held.weights.sun;
-        let position = sun.map(|sun| position_of(sun.dir_world, self.parts.painter.north_deg()));
         Health {
             state: self.state(moment),
             frames: self.frames,
@@ -315,7 +328,7 @@ impl<'p> Post<'p> {
             weights: self.weights,
             weights_age_s: self.held_since_unix_s.map_or(0.0, |since| moment.unix_s - since),
             sun: self.held.sun,
-            sun_azimuth_altitude_deg: position.map(|p| [p.azimuth_deg, p.altitude_deg]),
+            sun_azimuth_altitude_deg: self.sun().map(|p| [p.azimuth_deg, p.altitude_deg]),
             exposure_ev: self.exposure.ev(),
             sky_faults: self.sky_faults,
             last_fault: self.last_fault.clone(),
@@ -341,17 +354,8 @@ impl<'p> Post<'p> {
         if !moment.trusted {
             parts.push("clock not trusted, no sun shown".to_string());
         }
-        if parts.is_empty() { "ok".into() } else { parts.join("; ") }
+        if parts.is_empty() { WELL.into() } else { parts.join("; ") }
     }
-}
-
-fn caption(pixels: &mut [u32], width: usize, height: usize, words: &str) -> Result<(), Failure> {
-    if words.is_empty() || overlay::caption_area(Size::new(width as u32, height as u32)).size.height == 0 {
-        return Ok(());
-    }
-    let mut surface = Surface::new(pixels, width, height, width).or_runtime()?;
-    overlay::caption(&mut surface, words);
-    Ok(())
 }
 
 #[cfg(test)]

@@ -198,9 +198,11 @@ impl<'f> Relighter<'f> {
 
     /// Marks the tiles whose pixels were written since this was asked last.
     pub fn take_damage(&mut self, damage: &mut Damage) {
-        let written = self.states.iter_mut().enumerate().filter_map(|(index, state)| {
-            std::mem::take(&mut state.is_new).then_some(index)
-        });
+        let written = self
+            .states
+            .iter_mut()
+            .enumerate()
+            .filter_map(|(index, state)| std::mem::take(&mut state.is_new).then_some(index));
         written.for_each(|index| damage.mark(index));
     }
 

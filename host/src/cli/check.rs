@@ -7,6 +7,8 @@ use crate::failure::Failure;
 use crate::lens::Lens;
 use crate::relight::FieldFile;
 use crate::view::Still;
+use embedded_graphics::geometry::Size;
+use relume_firmware::overlay::{Overlay, Words, first_unreadable};
 use serde::Serialize;
 use std::fmt::Display;
 use std::path::Path;
@@ -74,6 +76,7 @@ fn check(file: &Path) -> Table {
     let config = Config::load(file).map(|config| (config, format!("{}: every key is known", file.display())));
     let Some(config) = table.add("file", config) else { return table };
     let size = field(&config, &mut table);
+    table.add("words", Ok::<_, String>(((), words(&config, size))));
     if let Some(path) = &config.view {
         let still = match size {
             Some((width, height)) => Still::load_sized(path, width, height),
@@ -97,6 +100,22 @@ fn field(config: &Config, table: &mut Table) -> Option<(usize, usize)> {
         (size, format!("{}: {}x{}, {patches} patches", config.field.display(), size.0, size.1))
     });
     table.add("field", opened)
+}
+
+/// How title and caption are shown. A post opens with any, so this is no fault.
+fn words(config: &Config, size: Option<(usize, usize)>) -> String {
+    for (key, text) in [("title", &config.title), ("caption", &config.caption)] {
+        if let Some(stranger) = first_unreadable(text) {
+            return format!("{key}: no font has `{stranger}`, it is shown as ?; write it another way");
+        }
+    }
+    let words = Words { title: &config.title, caption: &config.caption };
+    match size {
+        Some((width, height)) if !Overlay::new(Size::new(width as u32, height as u32)).has_room(&words) => {
+            format!("title and caption are cut off at {width}x{height}; shorten them")
+        }
+        _ => "title and caption can be read".into(),
+    }
 }
 
 fn sky(config: &Config, table: &mut Table) {

@@ -1,6 +1,6 @@
 //! `relume run`: the post.
 
-use super::args::{Command, post_arguments};
+use super::args::{Command, place, required};
 use crate::clock::PostClock;
 use crate::config::{Config, DisplayConfig, SkyKind};
 use crate::display::Display;
@@ -14,29 +14,51 @@ use crate::sky_source::captured::CapturedSky;
 use crate::sky_source::simulated::SimulatedSky;
 use crate::view::Still;
 use relume_firmware::field::Field;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 pub(super) const COMMAND: Command = Command {
     name: "run",
     help: "\
-relume run POST.toml [--json]
+relume run POST.toml [--setup] [--json]
 
 Captures, relights, composites and shows until told to stop (Ctrl-C, SIGTERM) or until a limit of [run] is reached.
 `relume check POST.toml` tells beforehand what is wrong. The state stands in health.json.
 
+  --setup   for whoever installs the post: a compass of view, north and sun, and the state even when it is well
   --json    what the post did, as one JSON object on standard output when it ends
 ",
     act,
 };
 
 fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
-    let (file, json) = post_arguments(&mut parser)?;
+    let Arguments { file, json, setup } = arguments(&mut parser)?;
     let config = Config::load(&file).or_bad()?;
     let stop = stop_on_signal()?;
-    let report = run(&config, &stop)?;
+    let report = run(&config, setup, &stop)?;
     eprintln!("{} frames, {} drawn anew; ended: {}", report.frames, report.frames_changed, report.ended);
     if json { super::say_json(&report) } else { Ok(()) }
+}
+
+struct Arguments {
+    file: PathBuf,
+    json: bool,
+    setup: bool,
+}
+
+fn arguments(parser: &mut lexopt::Parser) -> Result<Arguments, Failure> {
+    use lexopt::prelude::{Long, Value};
+    let (mut file, mut json, mut setup) = (None, false, false);
+    while let Some(arg) = parser.next()? {
+        match arg {
+            Long("json") => json = true,
+            Long("setup") => setup = true,
+            Value(value) => place(value, &mut [&mut file])?,
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    Ok(Arguments { file: required(file, "POST.toml")?, json, setup })
 }
 
 /// A flag that Ctrl-C and SIGTERM set; the loop ends cleanly at the next frame.
@@ -50,7 +72,7 @@ fn stop_on_signal() -> Result<Arc<AtomicBool>, Failure> {
     Ok(stop)
 }
 
-fn run(config: &Config, stop: &AtomicBool) -> Result<PostReport, Failure> {
+fn run(config: &Config, setup: bool, stop: &AtomicBool) -> Result<PostReport, Failure> {
     let file = FieldFile::open(&config.field).or_bad()?;
     let field = file.field();
     let (width, height) = (field.width(), field.height());
@@ -67,7 +89,11 @@ fn run(config: &Config, stop: &AtomicBool) -> Result<PostReport, Failure> {
         painter: Box::new(painter),
         clock: PostClock::start(config.clock, made),
     };
-    Post::new(config, parts).run(stop)
+    let mut post = Post::new(config, parts);
+    if setup {
+        post.set_up(field.camera());
+    }
+    post.run(stop)
 }
 
 /// The display that the post's file asks for.

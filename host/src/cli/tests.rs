@@ -62,6 +62,6 @@ fn a_post_that_cannot_open_is_bad_input() {
     let file = file.display().to_string();
     fails(&["run", &file], 2, &["none.field"]);
     fails(&["check", &file], 2, &["POST.toml", "1 to put right"]);
-    fails(&["run"], 2, &["POST.toml is missing"]);
+    fails(&["run", "--setup"], 2, &["POST.toml is missing"]);
     fails(&["run", "none/POST.toml"], 2, &["none/POST.toml", "cannot be read"]);
 }

@@ -38,14 +38,8 @@ impl DisplayConfig {
 }
 
 const HEADLESS_KEYS: [&str; 2] = ["display.folder", "display.every"];
-const KMS_KEYS: [&str; 6] = [
-    "display.card",
-    "display.connector",
-    "display.mode",
-    "display.rotation_deg",
-    "display.format",
-    "display.buffers",
-];
+const KMS_KEYS: [&str; 6] =
+    ["display.card", "display.connector", "display.mode", "display.rotation_deg", "display.format", "display.buffers"];
 
 /// Reads the table.
 pub(super) fn display(r: &Reader) -> Result<DisplayConfig, ConfigError> {
@@ -69,7 +63,9 @@ fn headless(r: &Reader) -> Result<DisplayConfig, ConfigError> {
 fn kms(r: &Reader) -> Result<KmsConfig, ConfigError> {
     let mode = r.text("display.mode", 32)?;
     let not_a_mode = |text: String| {
-        r.fault(format!("display.mode = \"{text}\": must be such as \"1920x1080\" or \"1920x1080@60\"; `relume devices` lists them"))
+        r.fault(format!(
+            "display.mode = \"{text}\": must be such as \"1920x1080\" or \"1920x1080@60\"; `relume devices` lists them"
+        ))
     };
     let mode = mode.map(|text| text.parse::<ModeWish>().map_err(|()| not_a_mode(text))).transpose()?;
     let degrees = r.whole("display.rotation_deg", 0..=270)?.unwrap_or(0);

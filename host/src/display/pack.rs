@@ -104,7 +104,8 @@ impl Placement {
     /// Writes an area (rows, columns) of the picture to the screen's memory. What lies outside either is left out.
     pub fn write(&self, frame: &Frame<'_>, (rows, columns): (Range<usize>, Range<usize>), memory: &mut [u32]) {
         for y in rows {
-            let Some(from) = frame.pixels_bgrx.get(y * frame.width + columns.start..y * frame.width + columns.end) else {
+            let Some(from) = frame.pixels_bgrx.get(y * frame.width + columns.start..y * frame.width + columns.end)
+            else {
                 return;
             };
             let (first, step) = self.line(frame, columns.start, y);
@@ -169,8 +170,7 @@ mod tests {
         let frame = Frame { width: 40, height: 20, pixels_bgrx: &pixels, number: 0, damage: &damage };
         for rotation in [Rotation::None, Rotation::Quarter, Rotation::Half, Rotation::ThreeQuarters] {
             let screen = rotation.turned((40, 20));
-            let placement =
-                Placement::centred((40, 20), screen, rotation, PixelFormat::Xrgb8888, screen.0).unwrap();
+            let placement = Placement::centred((40, 20), screen, rotation, PixelFormat::Xrgb8888, screen.0).unwrap();
             let mut memory = vec![0; 800];
             placement.write(&frame, (16..20, 32..40), &mut memory);
             assert_eq!(memory.iter().filter(|&&word| word == 7).count(), 32, "{rotation:?}");

@@ -86,7 +86,8 @@ impl Output {
         let need = config.rotation.and(orientation).turned(picture);
         let facts: Vec<ModeFacts> = info.modes().iter().map(ModeFacts::of).collect();
         let at = choose_mode(&facts, config.mode, need).ok_or_else(|| no_mode(name, config.mode, need, &facts))?;
-        let crtc = free_crtc(card, &resources, info).ok_or_else(|| format!("{path} has nothing to drive {name} with"))?;
+        let crtc =
+            free_crtc(card, &resources, info).ok_or_else(|| format!("{path} has nothing to drive {name} with"))?;
         Ok(Output { connector: info.handle(), name: name.clone(), crtc, mode: info.modes()[at], orientation })
     }
 }
@@ -127,7 +128,8 @@ fn orientation(card: &Card, connector: connector::Handle) -> Rotation {
 /// The value of an object's property of this name.
 pub(super) fn named_value<T: drm::control::ResourceHandle>(card: &Card, object: T, name: &str) -> Option<u64> {
     let properties = card.get_properties(object).ok()?;
-    let named = |handle: property::Handle| card.get_property(handle).is_ok_and(|p| p.name().to_bytes() == name.as_bytes());
+    let named =
+        |handle: property::Handle| card.get_property(handle).is_ok_and(|p| p.name().to_bytes() == name.as_bytes());
     properties.iter().find(|(handle, _)| named(**handle)).map(|(_, value)| *value)
 }
 
@@ -155,7 +157,12 @@ mod tests {
 
     fn modes() -> Vec<ModeFacts> {
         let mode = |width, height, refresh_hz, preferred| ModeFacts { size: (width, height), refresh_hz, preferred };
-        vec![mode(1280, 720, 60, true), mode(1920, 1080, 50, false), mode(1920, 1080, 60, false), mode(640, 480, 75, false)]
+        vec![
+            mode(1280, 720, 60, true),
+            mode(1920, 1080, 50, false),
+            mode(1920, 1080, 60, false),
+            mode(640, 480, 75, false),
+        ]
     }
 
     #[test]

@@ -4,9 +4,7 @@ use super::card::Card;
 use super::output::{Output, planes};
 use drm::control::atomic::AtomicModeReq;
 use drm::control::property::{self, Value};
-use drm::control::{
-    AtomicCommitFlags, Device as _, Event, PageFlipFlags, ResourceHandle, crtc, framebuffer, plane,
-};
+use drm::control::{AtomicCommitFlags, Device as _, Event, PageFlipFlags, ResourceHandle, crtc, framebuffer, plane};
 use drm::{ClientCapability, Device as _};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
