@@ -5,9 +5,11 @@
 
 mod display;
 mod reader;
+mod sky;
 
 pub use display::DisplayConfig;
 pub use reader::ConfigError;
+pub use sky::{CameraConfig, SkyKind};
 
 use crate::exposure::{EV_RANGE, ExposureMode};
 use crate::relight::Budget;
@@ -35,6 +37,10 @@ pub const KEYS: &[&str] = &[
     "camera.lens",
     "camera.response",
     "camera.radiance_scale",
+    "camera.light_log",
+    "camera.device",
+    "camera.size",
+    "camera.pixel_format",
     "display.kind",
     "display.folder",
     "display.every",
@@ -50,32 +56,12 @@ pub const KEYS: &[&str] = &[
     "run.interval_s",
     "run.frames",
     "run.duration_s",
+    "run.light_log",
     "budget.error_codes",
     "budget.time_ms",
     "exposure.mode",
     "exposure.ev",
 ];
-
-/// Where the light comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SkyKind {
-    /// Time and place through a clear-sky model; no camera.
-    Simulated,
-    /// A simulated camera under a simulated sky, exposing real series.
-    Synthetic,
-    /// A folder of frames that were captured before.
-    Replay,
-}
-
-impl SkyKind {
-    const NAMES: [(&'static str, SkyKind); 3] =
-        [("simulated", SkyKind::Simulated), ("synthetic", SkyKind::Synthetic), ("replay", SkyKind::Replay)];
-
-    /// The name in `POST.toml`.
-    pub fn name(self) -> &'static str {
-        Self::NAMES.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
-    }
-}
 
 /// Where the post stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,19 +83,6 @@ pub struct Weather {
     pub cloud_cover: f64,
     /// Which clouds.
     pub seed: u64,
-}
-
-/// The sky camera.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CameraConfig {
-    /// Folder of frames to replay, with its `frames.json`.
-    pub frames: Option<PathBuf>,
-    /// Lens file; a simulated camera has one of its own.
-    pub lens: Option<PathBuf>,
-    /// Response curve file; linear if none, a simulated camera knows its own.
-    pub response: Option<PathBuf>,
-    /// What one unit of the merged radiance is multiplied by.
-    pub radiance_scale: f64,
 }
 
 /// Which clock the post lives by.
@@ -169,6 +142,8 @@ pub struct Config {
     pub clock: ClockConfig,
     /// When the post stops by itself.
     pub limits: Limits,
+    /// Where the light is logged; nowhere if none.
+    pub light_log: Option<PathBuf>,
     /// How the exposure is chosen.
     pub exposure: ExposureMode,
     /// What a frame may cost, or be wrong by.
@@ -183,65 +158,34 @@ impl Config {
     pub fn load(file: &Path) -> Result<Self, ConfigError> {
         let r = Reader::open(file, KEYS)?;
         let missing = |key: &str, what: &str| r.fault(format!("{key} is missing: {what}"));
-        let display = display::display(&r)?;
-        let config = Config {
+        let (display, site) = (display::display(&r)?, site(&r)?);
+        let field = r.path("field")?.ok_or_else(|| missing("field", "name the field file to show"))?;
+        let (sky, camera) = sky::sky(&r, site)?;
+        Ok(Config {
             file: file.to_path_buf(),
             title: r.text("title", 120)?.unwrap_or_default(),
             caption: r.text("caption", 400)?.unwrap_or_default(),
-            field: r.path("field")?.ok_or_else(|| missing("field", "name the field file to show"))?,
+            field,
             view: r.path("view")?,
-            sky: r
-                .choice("sky", &SkyKind::NAMES)?
-                .ok_or_else(|| missing("sky", "write sky = \"simulated\", \"synthetic\" or \"replay\""))?,
+            sky,
             health: r.path("health")?.unwrap_or_else(|| display.health(file)),
-            site: site(&r)?,
+            site,
             weather: Weather {
                 turbidity: r.number("weather.turbidity", 1.7..=10.0)?.unwrap_or(3.0),
                 cloud_cover: r.number("weather.cloud_cover", 0.0..=1.0)?.unwrap_or(0.0),
                 seed: r.whole("weather.seed", 0..=u64::from(u32::MAX))?.unwrap_or(1),
             },
-            camera: CameraConfig {
-                frames: r.path("camera.frames")?,
-                lens: r.path("camera.lens")?,
-                response: r.path("camera.response")?,
-                radiance_scale: r.number("camera.radiance_scale", 1e-6..=1e6)?.unwrap_or(1.0),
-            },
+            camera,
             clock: clock(&r, display.interval_s())?,
             display,
             limits: Limits {
                 frames: r.whole("run.frames", 1..=1_000_000_000)?,
                 duration_s: r.number("run.duration_s", 1e-3..=1e9)?,
             },
+            light_log: r.path("run.light_log")?,
             exposure: exposure(&r)?,
             budget: budget(&r)?,
-        };
-        config.check_sky(&r)?;
-        Ok(config)
-    }
-
-    fn check_sky(&self, r: &Reader) -> Result<(), ConfigError> {
-        let name = self.sky.name();
-        if self.sky != SkyKind::Replay && self.site.is_none() {
-            return Err(r.fault(format!(
-                "sky = \"{name}\" needs the place: add [site] with latitude and longitude in degrees"
-            )));
-        }
-        match (self.sky, &self.camera.frames) {
-            (SkyKind::Replay, None) => Err(r.fault(
-                "sky = \"replay\" needs its frames: add [camera] with frames = \"the folder that holds frames.json\""
-                    .into(),
-            )),
-            (SkyKind::Replay, Some(_)) if self.camera.lens.is_none() => {
-                Err(r.fault("camera.lens is missing: sky = \"replay\" needs the lens that took the frames".into()))
-            }
-            (SkyKind::Simulated | SkyKind::Synthetic, Some(_)) => Err(r.fault(format!(
-                "camera.frames is only used with sky = \"replay\", not with sky = \"{name}\"; remove one of them"
-            ))),
-            (SkyKind::Simulated, None) if r.has_table("camera") => {
-                Err(r.fault("sky = \"simulated\" has no camera; remove the table [camera]".into()))
-            }
-            _ => Ok(()),
-        }
+        })
     }
 }
 

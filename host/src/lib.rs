@@ -11,6 +11,7 @@ pub mod exposure;
 pub mod health;
 pub mod labels;
 pub mod lens;
+pub mod lightlog;
 pub mod painter;
 pub mod picture;
 pub mod plot;

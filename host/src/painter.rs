@@ -24,6 +24,16 @@ pub trait Painter {
     /// When the weights do not fit; the picture stays as it was.
     fn relight(&mut self, weights: &PatchWeights, exposure: f32) -> anyhow::Result<Option<String>>;
 
+    /// The direction of the sun whose light is shown; it may lag behind the newest weights'.
+    fn sun_dir_world(&self) -> Option<[f32; 3]> {
+        None
+    }
+
+    /// Is there work done behind frames (a traced sun) that relighting the same weights would show?
+    fn has_news(&mut self) -> bool {
+        false
+    }
+
     /// The exposure that the picture of the newest weights asks for; `None` in the dark.
     fn wanted_exposure(&mut self) -> Option<f64>;
 

@@ -8,7 +8,9 @@ use crate::exposure::ExposureControl;
 use crate::failure::{Failure, OrFail};
 use crate::health::{Health, WELL, WeightsState};
 use crate::labels::{Labels, News};
+use crate::lightlog::{LightLog, LoggedLight};
 use crate::painter::Painter;
+use crate::picture::write_png;
 use crate::relight::FrameCounters;
 use crate::sky_source::{SkyFault, SkyReading, SkySource, SunSource};
 use crate::sun::{SunPosition, format_utc, position_of};
@@ -16,6 +18,7 @@ use crate::weights::PatchWeights;
 use relume_firmware::field::CameraRecord;
 use serde::Serialize;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -51,6 +54,15 @@ pub struct Parts<'p> {
     pub clock: PostClock,
 }
 
+/// What a post is told while it runs.
+#[derive(Clone, Debug, Default)]
+pub struct Signals {
+    /// End at the next frame.
+    pub stop: Arc<AtomicBool>,
+    /// Write a screenshot at the next frame.
+    pub picture: Arc<AtomicBool>,
+}
+
 /// A running post.
 pub struct Post<'p> {
     parts: Parts<'p>,
@@ -66,6 +78,7 @@ pub struct Post<'p> {
     /// Do the weights wait to be relit?
     is_new: bool,
     latency: Latency,
+    light_log: Option<LightLog>,
     held_since_unix_s: Option<f64>,
     weights: WeightsState,
     health_file: PathBuf,
@@ -107,11 +120,7 @@ impl Latency {
 
 /// An even sky of radiance 1: what stands in until there is a first measurement.
 fn even_sky(patches: usize) -> SkyReading {
-    SkyReading {
-        weights: PatchWeights { radiance: vec![[1.0; 3]; patches], sun: None },
-        sun: SunSource::None,
-        taken: None,
-    }
+    SkyReading { weights: PatchWeights { radiance: vec![[1.0; 3]; patches], sun: None }, ..SkyReading::default() }
 }
 
 impl<'p> Post<'p> {
@@ -129,6 +138,7 @@ impl<'p> Post<'p> {
             next: SkyReading::default(),
             is_new: true,
             latency: Latency::default(),
+            light_log: None,
             held_since_unix_s: None,
             weights: WeightsState::StandIn,
             health_file: config.health.clone(),
@@ -151,15 +161,20 @@ impl<'p> Post<'p> {
         self.labels.set_up(camera);
     }
 
-    /// Runs until a limit is reached, the sky source has ended, or `stop` is set.
+    /// Logs the light of every frame that brings new one.
+    pub fn log_light(&mut self, log: LightLog) {
+        self.light_log = Some(log);
+    }
+
+    /// Runs until a limit is reached, the sky source has ended, or it is told to stop.
     ///
     /// # Errors
     /// When the display or the painter fails for good; a failing sky only shows in the state.
-    pub fn run(mut self, stop: &AtomicBool) -> Result<PostReport, Failure> {
+    pub fn run(mut self, told: &Signals) -> Result<PostReport, Failure> {
         let first = self.parts.clock.now(0).unix_s;
         let (ended, moment) = loop {
             let moment = self.parts.clock.now(self.frames);
-            if let Some(why) = self.is_over(moment.unix_s - first, stop) {
+            if let Some(why) = self.is_over(moment.unix_s - first, &told.stop) {
                 break (why, moment);
             }
             let has_ended = self.look(moment);
@@ -168,7 +183,10 @@ impl<'p> Post<'p> {
             }
             self.show(moment)?;
             self.tell(moment, false);
-            self.parts.clock.wait_for(self.frames, stop);
+            if told.picture.swap(false, Ordering::Relaxed) {
+                self.take_picture();
+            }
+            self.parts.clock.wait_for(self.frames, &told.stop);
         };
         self.tell(moment, true);
         Ok(PostReport {
@@ -215,9 +233,9 @@ impl<'p> Post<'p> {
 
     /// Relights, draws and presents one frame.
     fn show(&mut self, moment: Moment) -> Result<(), Failure> {
-        let relit = std::mem::take(&mut self.is_new);
-        if relit {
-            self.relight();
+        let is_new = std::mem::take(&mut self.is_new);
+        if is_new | self.parts.painter.has_news() {
+            self.relight(moment);
         }
         if self.frames > 0 {
             self.damage.clear();
@@ -229,7 +247,7 @@ impl<'p> Post<'p> {
         self.frames_changed += u64::from(!self.damage.is_empty());
         let frame = Frame { width, height, pixels_bgrx: &self.shown, number: self.frames, damage: &self.damage };
         self.parts.display.present(&frame)?;
-        if let (true, Some(taken)) = (relit, self.held.taken) {
+        if let (true, Some(taken)) = (is_new, self.held.taken) {
             self.latency.note(taken.elapsed());
         }
         self.frames += 1;
@@ -265,27 +283,66 @@ impl<'p> Post<'p> {
         self.held.weights.sun.map(|sun| position_of(sun.dir_world, self.parts.painter.north_deg()))
     }
 
-    /// New weights to the painter; a second time where they ask for another exposure. Weights that do not fit are a
-    /// fault of the sky: the picture stays.
-    fn relight(&mut self) {
-        for _ in 0..2 {
-            match self.parts.painter.relight(&self.held.weights, self.exposure.factor()) {
+    /// New weights to the painter, with the exposure in use, and once more where they ask for another; logged light with the
+    /// exposures it was relit with. Weights that do not fit are a fault of the sky: the picture stays.
+    fn relight(&mut self, moment: Moment) {
+        let (mut used, mut passes) = ([0.0; 2], 0);
+        while let Some(exposure) = self.next_exposure(passes) {
+            match self.parts.painter.relight(&self.held.weights, exposure) {
                 Ok(note) => self.note = note,
-                Err(error) => {
-                    self.sky_faults += 1;
-                    self.last_fault = Some(Failure::Runtime(error).to_string());
-                    self.weights = WeightsState::Held;
-                    return;
-                }
+                Err(error) => return self.refuse(error),
             }
-            if !self.exposure.is_auto() {
-                return;
+            used[passes] = exposure;
+            passes += 1;
+        }
+        self.log(moment, &used[..passes]);
+    }
+
+    /// The exposure of a pass over new weights; `None` when they are done.
+    fn next_exposure(&mut self, pass: usize) -> Option<f32> {
+        match pass {
+            2.. => None,
+            _ if !self.held.exposures.is_empty() => self.held.exposures.get(pass).copied(),
+            0 => Some(self.exposure.factor()),
+            _ => {
+                let changes = self.exposure.is_auto() && self.exposure.see(self.parts.painter.wanted_exposure());
+                self.exposure_changes += u64::from(changes);
+                changes.then(|| self.exposure.factor())
             }
-            let wanted = self.parts.painter.wanted_exposure();
-            if !self.exposure.see(wanted) {
-                return;
-            }
-            self.exposure_changes += 1;
+        }
+    }
+
+    /// Weights that do not fit.
+    fn refuse(&mut self, error: anyhow::Error) {
+        self.sky_faults += 1;
+        self.last_fault = Some(Failure::Runtime(error).to_string());
+        self.weights = WeightsState::Held;
+    }
+
+    /// Notes the light in the log, if there is one. A full disk ends the log, not the picture.
+    fn log(&mut self, moment: Moment, exposures: &[f32]) {
+        let Some(log) = &mut self.light_log else { return };
+        let weights = &self.held.weights;
+        let light = LoggedLight {
+            frame: self.frames,
+            unix_s: moment.unix_s,
+            exposures: exposures.to_vec(),
+            radiance: weights.radiance.clone(),
+            sun: weights.sun.map(|sun| (self.parts.painter.sun_dir_world().unwrap_or(sun.dir_world), sun.irradiance)),
+        };
+        if let Err(error) = log.add(&light) {
+            eprintln!("{error}");
+            self.light_log = None;
+        }
+    }
+
+    /// Writes the picture shown as a PNG beside the state.
+    fn take_picture(&self) {
+        let (width, height) = self.parts.painter.size();
+        let path = self.health_file.with_file_name("screenshot.png");
+        match write_png(&path, width, height, &self.shown) {
+            Ok(()) => eprintln!("screenshot: {}", path.display()),
+            Err(error) => eprintln!("screenshot: {error}"),
         }
     }
 

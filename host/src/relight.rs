@@ -12,6 +12,7 @@ mod reading;
 mod restore;
 mod standing;
 mod sunplane;
+mod suntracer;
 mod tiles;
 mod waiting;
 
@@ -167,6 +168,16 @@ impl<'f> Relighter<'f> {
         self.sun.set_step_deg(step_deg);
     }
 
+    /// The direction of the sun whose light is shown; behind the newest weights' while a tracer is at work.
+    pub fn sun_dir_world(&self) -> Option<[f32; 3]> {
+        self.given.sun.and(self.sun.dir_world())
+    }
+
+    /// Has a tracer finished? Then setting the same weights once more takes its work.
+    pub fn has_news(&mut self) -> bool {
+        self.given.sun.is_some() && self.sun.has_news()
+    }
+
     /// Bounds the error, as by default, or not: then nothing is known of it, and every tile is drawn with every frame. For
     /// measuring what the bounds and the memory of what was drawn cost. An error budget without bounds restores nothing.
     pub fn set_bounds(&mut self, on: bool) {
@@ -213,7 +224,12 @@ impl<'f> Relighter<'f> {
     /// [`WeightError`]; everything then stays as it was.
     pub fn set_weights(&mut self, given: &PatchWeights, exposure: f32) -> Result<(), WeightError> {
         let sun = given.sun.filter(sun_is_up);
-        if self.settled && exposure == self.exposure && sun == self.given.sun && given.radiance == self.given.radiance {
+        if !self.has_news()
+            && self.settled
+            && exposure == self.exposure
+            && sun == self.given.sun
+            && given.radiance == self.given.radiance
+        {
             self.counters.sun_traced = false;
             (self.counters.blocks_projected, self.counters.blocks_stepped, self.counters.patches_changed) = (0, 0, 0);
             return Ok(());
@@ -275,6 +291,16 @@ impl<'f> Relighter<'f> {
         };
         let before = if new_weights { (0, 0) } else { (self.counters.blocks_projected, self.counters.blocks_stepped) };
         (self.counters.blocks_projected, self.counters.blocks_stepped) = add(before, (whole, stepped));
+    }
+}
+
+impl Relighter<'static> {
+    /// Traces the sun on a thread of its own from its second direction on: frames go on with the one before.
+    ///
+    /// # Errors
+    /// When the system has no thread to give.
+    pub fn trace_behind(&mut self) -> std::io::Result<()> {
+        self.sun.trace_behind(self.field)
     }
 }
 

@@ -2,6 +2,9 @@
 
 pub mod background;
 pub mod captured;
+#[cfg(feature = "board")]
+pub mod live;
+pub mod logged;
 pub mod simulated;
 
 use crate::clock::Moment;
@@ -29,6 +32,8 @@ pub struct SkyReading {
     pub weights: PatchWeights,
     /// How the sun in them is known.
     pub sun: SunSource,
+    /// Exposures that the light was relit with when it was logged, in order; empty for light that was not.
+    pub exposures: Vec<f32>,
     /// When a camera took the last picture that they rest on.
     pub taken: Option<Instant>,
 }

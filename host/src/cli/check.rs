@@ -132,6 +132,12 @@ fn sky(config: &Config, table: &mut Table) {
             table.add("camera", camera.map(|_| ((), format!("frames from {}", frames.display()))));
             return;
         }
+        (SkyKind::Logged, _) => {
+            let log = config.camera.light_log.as_deref().unwrap_or(&config.file);
+            let opened = crate::lightlog::LightLogReader::open(log);
+            table.add("light", opened.map(|_| ((), format!("light from {}", log.display()))));
+            return;
+        }
         (SkyKind::Simulated, _) => "simulated from time and place",
         _ => "a simulated camera",
     };

@@ -2,21 +2,25 @@
 
 use super::args::{Command, place, required};
 use crate::clock::PostClock;
-use crate::config::{Config, DisplayConfig, SkyKind};
+use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind};
 use crate::display::Display;
 use crate::display::headless::Headless;
 use crate::failure::{Failure, OrFail};
+use crate::lightlog::LightLog;
 use crate::painter::field::FieldPainter;
-use crate::post::{Parts, Post, PostReport};
+use crate::post::{Parts, Post, PostReport, Signals};
 use crate::relight::FieldFile;
 use crate::sky_source::SkySource;
+use crate::sky_source::background::Background;
 use crate::sky_source::captured::CapturedSky;
+#[cfg(feature = "board")]
+use crate::sky_source::live::LiveSky;
+use crate::sky_source::logged::LoggedSky;
 use crate::sky_source::simulated::SimulatedSky;
 use crate::view::Still;
 use relume_firmware::field::Field;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 pub(super) const COMMAND: Command = Command {
     name: "run",
@@ -24,7 +28,8 @@ pub(super) const COMMAND: Command = Command {
 relume run POST.toml [--setup] [--json]
 
 Captures, relights, composites and shows until told to stop (Ctrl-C, SIGTERM) or until a limit of [run] is reached.
-`relume check POST.toml` tells beforehand what is wrong. The state stands in health.json.
+`relume check POST.toml` tells beforehand what is wrong. The state stands in health.json; SIGUSR1 writes the picture shown
+to screenshot.png beside it.
 
   --setup   for whoever installs the post: a compass of view, north and sun, and the state even when it is well
   --json    what the post did, as one JSON object on standard output when it ends
@@ -32,11 +37,18 @@ Captures, relights, composites and shows until told to stop (Ctrl-C, SIGTERM) or
     act,
 };
 
+/// How often a sky without a real camera is asked.
+const MODEL_PACE: Duration = Duration::from_secs(1);
+/// How long the first picture waits for the first light.
+const FIRST_LIGHT: Duration = Duration::from_secs(3);
+/// How far the sun may move before its light is traced anew, degrees: twelve seconds' way, a tenth of its width.
+const SUN_STEP_DEG: f64 = 0.05;
+
 fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     let Arguments { file, json, setup } = arguments(&mut parser)?;
     let config = Config::load(&file).or_bad()?;
-    let stop = stop_on_signal()?;
-    let report = run(&config, setup, &stop)?;
+    let signals = listen()?;
+    let report = run(&config, setup, &signals)?;
     eprintln!("{} frames, {} drawn anew; ended: {}", report.frames, report.frames_changed, report.ended);
     if json { super::say_json(&report) } else { Ok(()) }
 }
@@ -61,19 +73,22 @@ fn arguments(parser: &mut lexopt::Parser) -> Result<Arguments, Failure> {
     Ok(Arguments { file: required(file, "POST.toml")?, json, setup })
 }
 
-/// A flag that Ctrl-C and SIGTERM set; the loop ends cleanly at the next frame.
-fn stop_on_signal() -> Result<Arc<AtomicBool>, Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
+/// Ctrl-C and SIGTERM end the loop cleanly at the next frame; SIGUSR1 has a screenshot written.
+fn listen() -> Result<Signals, Failure> {
+    let signals = Signals::default();
+    let stop = &signals.stop;
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
         // A second signal ends the program at once, should the loop hang.
         signal_hook::flag::register_conditional_shutdown(signal, 1, stop.clone()).or_runtime()?;
         signal_hook::flag::register(signal, stop.clone()).or_runtime()?;
     }
-    Ok(stop)
+    signal_hook::flag::register(signal_hook::consts::SIGUSR1, signals.picture.clone()).or_runtime()?;
+    Ok(signals)
 }
 
-fn run(config: &Config, setup: bool, stop: &AtomicBool) -> Result<PostReport, Failure> {
-    let file = FieldFile::open(&config.field).or_bad()?;
+fn run(config: &Config, setup: bool, signals: &Signals) -> Result<PostReport, Failure> {
+    // The program shows one field until it ends.
+    let file: &'static FieldFile = Box::leak(Box::new(FieldFile::open(&config.field).or_bad()?));
     let field = file.field();
     let (width, height) = (field.width(), field.height());
     let still = match &config.view {
@@ -83,17 +98,24 @@ fn run(config: &Config, setup: bool, stop: &AtomicBool) -> Result<PostReport, Fa
     let made = std::fs::metadata(&config.field).and_then(|meta| meta.modified()).ok();
     let mut painter = FieldPainter::new(field, still, 0);
     painter.set_budget(config.budget).or_bad()?;
+    if matches!(config.clock, ClockConfig::System { .. }) {
+        painter.trace_behind(SUN_STEP_DEG).or_runtime()?;
+    }
+    let clock = PostClock::start(config.clock, made);
     let parts = Parts {
-        sky: sky_source(config, &field)?,
+        sky: sky_source(config, &field, &clock)?,
         display: display(config, (width, height))?,
         painter: Box::new(painter),
-        clock: PostClock::start(config.clock, made),
+        clock,
     };
     let mut post = Post::new(config, parts);
+    if let Some(path) = &config.light_log {
+        post.log_light(LightLog::create(path).or_bad()?);
+    }
     if setup {
         post.set_up(field.camera());
     }
-    post.run(stop)
+    post.run(signals)
 }
 
 /// The display that the post's file asks for.
@@ -114,10 +136,30 @@ pub(super) fn no_drivers(config: &Config, what: &str) -> Failure {
     Failure::bad(format!("{file}: {what}: this build has no drivers; build with --features board"))
 }
 
-/// The source of light that the post's file asks for.
-pub(super) fn sky_source(config: &Config, field: &Field<'_>) -> Result<Box<dyn SkySource>, Failure> {
+/// The source of light that the post's file asks for. By the system's clock it has a thread of its own; by a simulated one
+/// every frame has its own light.
+fn sky_source(config: &Config, field: &Field<'_>, clock: &PostClock) -> Result<Box<dyn SkySource>, Failure> {
+    let source = open_source(config, field)?;
+    if matches!(config.clock, ClockConfig::Simulated { .. }) || config.sky == SkyKind::Logged {
+        return Ok(source);
+    }
+    let pace = if config.sky == SkyKind::Camera { Duration::ZERO } else { MODEL_PACE };
+    let mut sky = Background::start(source, clock.clone(), pace).or_runtime()?;
+    sky.wait(FIRST_LIGHT);
+    Ok(Box::new(sky))
+}
+
+fn open_source(config: &Config, field: &Field<'_>) -> Result<Box<dyn SkySource + Send>, Failure> {
     let (patches, north_deg) = (*field.patch_set(), f64::from(field.camera().north_deg));
     match (config.sky, config.site) {
+        (SkyKind::Logged, _) => {
+            let log = config.camera.light_log.as_deref().unwrap_or(&config.file);
+            Ok(Box::new(LoggedSky::open(log, patches.len()).or_bad()?))
+        }
+        #[cfg(feature = "board")]
+        (SkyKind::Camera, _) => Ok(Box::new(LiveSky::new(config, patches, north_deg).or_bad()?)),
+        #[cfg(not(feature = "board"))]
+        (SkyKind::Camera, _) => Err(no_drivers(config, "sky = \"camera\"")),
         (SkyKind::Simulated, Some(site)) => Ok(Box::new(SimulatedSky::new(site, config.weather, patches, north_deg))),
         _ => Ok(Box::new(CapturedSky::open(config, patches, north_deg).or_bad()?)),
     }

@@ -71,7 +71,7 @@ fn values_out_of_range_name_key_value_and_range() {
 fn missing_and_contradicting_keys_are_named() {
     refused("sky = 'simulated'\n[display]\nkind = 'headless'\nfolder = 'o'\n", &["field is missing"]);
     refused(&LEAST.replace("latitude = 41.9\n", ""), &["site.latitude is missing"]);
-    refused(&LEAST.replace("simulated", "replay"), &["needs its frames"]);
+    refused(&LEAST.replace("simulated", "replay"), &["camera.frames is missing", "frames.json"]);
     refused(
         &format!("{}[camera]\nframes = 'f'\n", LEAST.replace("simulated", "replay")),
         &["camera.lens is missing", "replay"],

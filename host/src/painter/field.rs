@@ -40,6 +40,17 @@ impl<'f> FieldPainter<'f> {
     }
 }
 
+impl FieldPainter<'static> {
+    /// Traces the sun behind frames, and only when it has moved by more than `step_deg`, degrees.
+    ///
+    /// # Errors
+    /// When the system has no thread to give.
+    pub fn trace_behind(&mut self, step_deg: f64) -> std::io::Result<()> {
+        self.relighter.set_sun_step_deg(step_deg);
+        self.relighter.trace_behind()
+    }
+}
+
 impl FieldPainter<'_> {
     /// The same weights with the sun moved into the band of the field's site, when it stands outside.
     fn moved_into_band(&self, weights: &PatchWeights) -> Option<(PatchWeights, String)> {
@@ -79,6 +90,14 @@ impl Painter for FieldPainter<'_> {
         };
         self.relighter.set_weights(weights, exposure)?;
         Ok(note)
+    }
+
+    fn sun_dir_world(&self) -> Option<[f32; 3]> {
+        self.relighter.sun_dir_world()
+    }
+
+    fn has_news(&mut self) -> bool {
+        self.relighter.has_news()
     }
 
     fn wanted_exposure(&mut self) -> Option<f64> {

@@ -55,7 +55,7 @@ impl SkySource for Script {
         self.1 += 1;
         let radiance = step.ok_or_else(|| SkyFault::Failed("camera unplugged".into()))?;
         let weights = PatchWeights { radiance: vec![[radiance; 3]; 17], sun: None };
-        *into = SkyReading { weights, sun: SunSource::None, taken: None };
+        *into = SkyReading { weights, ..SkyReading::default() };
         Ok(true)
     }
 }
@@ -90,7 +90,7 @@ fn run(extra: &str, script: &[Option<f32>], broken: bool) -> (Result<PostReport,
         display: Box::new(Seen(seen.clone(), broken)),
         clock: PostClock::start(ClockConfig::Simulated { start_unix_s: START, step_s: 60.0, speed: None }, None),
     };
-    let report = Post::new(&config, parts).run(&AtomicBool::new(false));
+    let report = Post::new(&config, parts).run(&Signals::default());
     let health = std::fs::read_to_string(&config.health).unwrap_or_default();
     let seen = seen.borrow().clone();
     (report, seen, health)

@@ -1,5 +1,7 @@
-//! The sun's response plane for one direction of the sun, traced anew when the sun has moved.
+//! The sun's response plane for one direction of the sun, traced anew when the sun has moved: at once, or on a thread of its
+//! own while frames go on under the plane before.
 
+use super::suntracer::SunTracer;
 use crate::sun::angle_deg;
 use rayon::prelude::*;
 use relume_firmware::bounce::{Rgb, mean_up};
@@ -23,10 +25,10 @@ pub(super) struct SunPlane {
     values: Vec<u16>,
     fresh: Vec<u16>,
     changes: Vec<Change>,
-    /// Light on the bounce points, in the upper half, and its means up their tree.
     means: Vec<Rgb>,
     dir_world: Option<[f32; 3]>,
     step_deg: f64,
+    tracer: Option<SunTracer>,
 }
 
 impl SunPlane {
@@ -36,9 +38,10 @@ impl SunPlane {
             values: vec![0; response.plane_len()],
             fresh: vec![0; response.plane_len()],
             changes: vec![Change::default(); response.tiles()],
-            means: vec![[0.0; 3]; 2 * field.bounce().points()],
+            means: means(field),
             dir_world: None,
             step_deg: 0.0,
+            tracer: None,
         }
     }
 
@@ -46,43 +49,82 @@ impl SunPlane {
         self.step_deg = step_deg.max(0.0);
     }
 
+    /// Traces on a thread of its own from the second direction on.
+    pub(super) fn trace_behind(&mut self, field: Field<'static>) -> std::io::Result<()> {
+        self.tracer = Some(SunTracer::start(field)?);
+        Ok(())
+    }
+
     pub(super) fn plane(&self) -> &[u16] {
         &self.values
     }
 
-    /// Traces the plane for this direction if it is further from the traced one than the step; returns what changed.
+    /// The direction that the plane is for.
+    pub(super) fn dir_world(&self) -> Option<[f32; 3]> {
+        self.dir_world
+    }
+
+    /// Is a plane ready that [`SunPlane::follow`] would take?
+    pub(super) fn has_news(&mut self) -> bool {
+        self.tracer.as_mut().is_some_and(SunTracer::is_ready)
+    }
+
+    /// Traces the plane for this direction if it is further from the traced one than the step, or has it traced and takes
+    /// what is ready; returns what changed.
     pub(super) fn follow(
         &mut self,
         field: &Field<'_>,
         dir_world: [f32; 3],
         pool: Option<&rayon::ThreadPool>,
     ) -> Option<&[Change]> {
-        if self.dir_world.is_some_and(|old| old == dir_world || angle_deg(old, dir_world) < self.step_deg) {
-            return None;
+        let is_far = |old: [f32; 3], step_deg| old != dir_world && angle_deg(old, dir_world) >= step_deg;
+        let moved = self.dir_world.is_none_or(|old| is_far(old, self.step_deg));
+        if let (Some(tracer), Some(_)) = (&mut self.tracer, self.dir_world) {
+            let traced = tracer.take(&mut self.fresh);
+            if moved && traced.is_none() {
+                tracer.ask(dir_world);
+            }
+            self.dir_world = Some(traced?);
+        } else {
+            if !moved {
+                return None;
+            }
+            super::install(pool, || trace(field, dir_world, &mut self.means, &mut self.fresh));
+            self.dir_world = Some(dir_world);
         }
-        let light = SunLight::new(field, dir_world);
-        let response = field.response();
-        let slots = slots(field, &mut self.fresh);
-        let old = &self.values;
-        let means = &mut self.means;
-        super::install(pool, || {
-            let points = means.len() / 2;
-            let chunks = means[points..].par_chunks_mut(POINTS_AT_ONCE).enumerate();
-            chunks.for_each(|(chunk, out)| light.points(field, chunk * POINTS_AT_ONCE, out));
-            mean_up(means);
-            (slots, &mut self.changes).into_par_iter().enumerate().for_each(|(index, (slot, change))| {
-                light.tile(field, index, means, slot);
-                let at = response.tile(index).plane_at;
-                let before = &old[at..at + slot.len()];
-                let largest = slot.iter().zip(before).map(|(a, b)| u32::from(a.abs_diff(*b))).max();
-                let peak = slot.iter().chain(before).map(|&v| u32::from(v)).max();
-                *change = Change { largest: largest.unwrap_or(0), peak: peak.unwrap_or(0) };
-            });
-        });
+        super::install(pool, || compare(field, &self.values, &self.fresh, &mut self.changes));
         std::mem::swap(&mut self.values, &mut self.fresh);
-        self.dir_world = Some(dir_world);
         Some(&self.changes)
     }
+}
+
+/// Room for the light on the bounce points, in the upper half, and its means up their tree.
+pub(super) fn means(field: &Field<'_>) -> Vec<Rgb> {
+    vec![[0.0; 3]; 2 * field.bounce().points()]
+}
+
+/// Traces the whole plane.
+pub(super) fn trace(field: &Field<'_>, dir_world: [f32; 3], means: &mut [Rgb], plane: &mut [u16]) {
+    let light = SunLight::new(field, dir_world);
+    let points = means.len() / 2;
+    let chunks = means[points..].par_chunks_mut(POINTS_AT_ONCE).enumerate();
+    chunks.for_each(|(chunk, out)| light.points(field, chunk * POINTS_AT_ONCE, out));
+    mean_up(means);
+    let tiles = slots(field, plane).into_par_iter().enumerate();
+    tiles.for_each(|(index, slot)| light.tile(field, index, means, slot));
+}
+
+/// How far two planes are apart, tile by tile.
+fn compare(field: &Field<'_>, old: &[u16], new: &[u16], changes: &mut [Change]) {
+    let response = field.response();
+    changes.par_iter_mut().enumerate().with_min_len(64).for_each(|(index, change)| {
+        let tile = response.tile(index);
+        let place = tile.plane_at..tile.plane_at + 3 * tile.padded_pixels();
+        let (Some(old), Some(new)) = (old.get(place.clone()), new.get(place)) else { return };
+        let largest = new.iter().zip(old).map(|(a, b)| u32::from(a.abs_diff(*b))).max();
+        let peak = new.iter().chain(old).map(|&v| u32::from(v)).max();
+        *change = Change { largest: largest.unwrap_or(0), peak: peak.unwrap_or(0) };
+    });
 }
 
 /// The plane cut into the tiles' slots, in tile order. Places rise with the tile number in files of `relume-bake`;

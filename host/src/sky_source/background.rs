@@ -11,6 +11,8 @@ use std::time::{Duration, Instant};
 const REST: Duration = Duration::from_millis(200);
 /// A source that has told nothing for so long hangs.
 const SILENCE: Duration = Duration::from_secs(10);
+/// How long a wait goes on after a stop was asked for, at most.
+const SLICE: Duration = Duration::from_millis(20);
 /// How long the end waits for the thread before it leaves it behind.
 const GRACE: Duration = Duration::from_millis(500);
 
@@ -31,33 +33,63 @@ pub struct Background {
 }
 
 impl Background {
-    /// Starts looking at `source`; `clock` is the post's.
+    /// Starts looking at `source`, once in `pace` at most; `clock` is the post's.
     ///
     /// # Errors
     /// When the system has no thread to give.
-    pub fn start(source: Box<dyn SkySource + Send>, clock: PostClock) -> std::io::Result<Self> {
+    pub fn start(source: Box<dyn SkySource + Send>, clock: PostClock, pace: Duration) -> std::io::Result<Self> {
         let (news, stop) = (Arc::new(Mutex::new(News::default())), Arc::new(AtomicBool::new(false)));
         let (its_news, its_stop) = (Arc::clone(&news), Arc::clone(&stop));
-        let look = move || look(source, &clock, &its_news, &its_stop);
+        let look = move || look(source, &clock, &its_news, (&its_stop, pace));
         let thread = Some(Builder::new().name("sky".into()).spawn(look)?);
         Ok(Background { news, stop, thread, heard: Instant::now() })
+    }
+
+    /// Waits for the first news, no longer than `limit`.
+    pub fn wait(&mut self, limit: Duration) {
+        let begun = Instant::now();
+        let nothing_new = |news: &News| !news.is_new && news.fault.is_none();
+        while begun.elapsed() < limit && nothing_new(&self.news.lock().unwrap_or_else(PoisonError::into_inner)) {
+            std::thread::sleep(SLICE);
+        }
+    }
+}
+
+/// Waits for `span`, but not on when `stop` is set.
+fn rest(span: Duration, stop: &AtomicBool) {
+    let begun = Instant::now();
+    while !stop.load(Ordering::Relaxed)
+        && let Some(left) = span.checked_sub(begun.elapsed())
+    {
+        std::thread::sleep(left.min(SLICE));
     }
 }
 
 /// Looks again and again until the source ends or `stop` is set.
-fn look(mut source: Box<dyn SkySource + Send>, clock: &PostClock, news: &Mutex<News>, stop: &AtomicBool) {
+fn look(
+    mut source: Box<dyn SkySource + Send>,
+    clock: &PostClock,
+    news: &Mutex<News>,
+    (stop, pace): (&AtomicBool, Duration),
+) {
     let mut reading = SkyReading::default();
     for number in 0.. {
         if stop.load(Ordering::Relaxed) {
             return;
         }
+        let begun = Instant::now();
         let outcome = source.read(clock.now(number), &mut reading);
         let mut told = news.lock().unwrap_or_else(PoisonError::into_inner);
         match outcome {
-            Ok(false) => {}
+            Ok(false) => {
+                drop(told);
+                rest(SLICE, stop);
+            }
             Ok(true) => {
                 std::mem::swap(&mut told.reading, &mut reading);
                 (told.is_new, told.fault) = (true, None);
+                drop(told);
+                rest(pace.saturating_sub(begun.elapsed()), stop);
             }
             Err(fault) => {
                 let has_ended = matches!(fault, SkyFault::Ended);
@@ -66,7 +98,7 @@ fn look(mut source: Box<dyn SkySource + Send>, clock: &PostClock, news: &Mutex<N
                 if has_ended {
                     return;
                 }
-                std::thread::sleep(REST);
+                rest(REST, stop);
             }
         }
     }
@@ -119,7 +151,6 @@ mod tests {
     use super::*;
     use crate::clock::Moment;
     use crate::config::ClockConfig;
-    use crate::sky_source::SunSource;
     use crate::weights::PatchWeights;
     use std::sync::mpsc::{Receiver, Sender, channel};
 
@@ -130,7 +161,7 @@ mod tests {
         fn read(&mut self, _moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault> {
             let radiance = self.0.recv().map_err(|_| SkyFault::Ended)??;
             let weights = PatchWeights { radiance: vec![[radiance; 3]], sun: None };
-            *into = SkyReading { weights, sun: SunSource::None, taken: None };
+            *into = SkyReading { weights, ..SkyReading::default() };
             Ok(true)
         }
     }
@@ -138,7 +169,7 @@ mod tests {
     fn started() -> (Sender<Result<f32, SkyFault>>, Background) {
         let (sender, receiver) = channel();
         let clock = PostClock::start(ClockConfig::System { interval_s: 1.0 }, None);
-        (sender, Background::start(Box::new(Sent(receiver)), clock).unwrap())
+        (sender, Background::start(Box::new(Sent(receiver)), clock, Duration::ZERO).unwrap())
     }
 
     /// What comes within a minute.

@@ -2,8 +2,14 @@
 
 use super::{SkyFault, SkyReading, SkySource, SunSource};
 use crate::bracket::{MergeSettings, Merged, Merger, Planner};
+#[cfg(feature = "board")]
+use crate::camera::plausible::Plausible;
+#[cfg(feature = "board")]
+use crate::camera::reopen::{Patience, Reopening};
 use crate::camera::replay::ReplayCamera;
 use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
+#[cfg(feature = "board")]
+use crate::camera::v4l2::{V4l2Camera, V4l2Settings};
 use crate::camera::{Camera, CameraError, Exposure, Frame, take_series};
 use crate::capture::{self, Capture, CaptureSettings};
 use crate::clock::Moment;
@@ -16,12 +22,17 @@ use std::time::Instant;
 
 /// Exposures of one series.
 const SERIES: usize = 4;
+/// Stamps further back than this are a clock's that has jumped.
+#[cfg(feature = "board")]
+const LONGEST_AGE: std::time::Duration = std::time::Duration::from_secs(60);
 /// Series that a camera may take until its exposures fit the light.
 const ATTEMPTS: usize = 5;
 
 enum Device {
     Synthetic(Box<SyntheticCamera>),
     Replay(ReplayCamera, Vec<Exposure>),
+    #[cfg(feature = "board")]
+    Live(Box<dyn Camera>),
 }
 
 /// A camera's series as weights.
@@ -36,6 +47,16 @@ pub struct CapturedSky {
 }
 
 impl CapturedSky {
+    /// Reads the files of lens and response, without a camera.
+    ///
+    /// # Errors
+    /// What is wrong with them, in one line.
+    pub fn check_files(config: &Config) -> anyhow::Result<()> {
+        config.camera.lens.as_ref().map(|path| Lens::load(path)).transpose()?;
+        config.camera.response.as_ref().map(|path| Response::load(path)).transpose()?;
+        Ok(())
+    }
+
     /// Opens the camera, lens and response curve that the post's file names.
     ///
     /// # Errors
@@ -45,6 +66,8 @@ impl CapturedSky {
         let (limits, lens, unit) = match &device {
             Device::Synthetic(camera) => (camera.limits(), Some(camera.lens().clone()), camera.radiance_scale()),
             Device::Replay(camera, _) => (camera.limits(), None, 1.0),
+            #[cfg(feature = "board")]
+            Device::Live(camera) => (camera.limits(), None, 1.0),
         };
         let lens = match (&config.camera.lens, lens) {
             (Some(path), None) => Lens::load(path)?,
@@ -70,7 +93,7 @@ impl CapturedSky {
 
     /// Takes and merges one series, again while the exposures do not fit the light yet.
     fn take(&mut self, unix_s: f64) -> Result<(), SkyFault> {
-        for _ in 0..ATTEMPTS {
+        for _ in 0..self.attempts() {
             let planned = self.planner.exposures();
             let taken = match &mut self.device {
                 Device::Synthetic(camera) => {
@@ -78,6 +101,8 @@ impl CapturedSky {
                     take_series(camera.as_mut(), &planned, &mut self.frames)
                 }
                 Device::Replay(camera, series) => take_series(camera, series, &mut self.frames),
+                #[cfg(feature = "board")]
+                Device::Live(camera) => take_series(camera.as_mut(), &planned, &mut self.frames),
             };
             taken.map_err(fault)?;
             self.merger.merge(&self.frames, &mut self.merged).map_err(failed)?;
@@ -90,6 +115,27 @@ impl CapturedSky {
             }
         }
         Ok(())
+    }
+
+    /// A real camera's light is shown as it comes, once there was any: better exposures follow with the next series.
+    fn attempts(&self) -> usize {
+        #[cfg(feature = "board")]
+        if matches!(self.device, Device::Live(_)) && !self.merged.radiance.is_empty() {
+            return 1;
+        }
+        ATTEMPTS
+    }
+
+    /// When the last frame was taken, by a camera whose frames are stamped with the system's clock.
+    fn taken(&self) -> Option<Instant> {
+        #[cfg(feature = "board")]
+        if matches!(self.device, Device::Live(_)) {
+            let newest = self.frames.iter().map(|frame| frame.captured_at_s).fold(0.0, f64::max);
+            let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).ok()?;
+            let age = std::time::Duration::try_from_secs_f64(now.as_secs_f64() - newest).ok()?;
+            return Instant::now().checked_sub(age.min(LONGEST_AGE));
+        }
+        None
     }
 
     /// Where the sun stood when the frames were taken; a recording's own time comes first.
@@ -114,6 +160,10 @@ fn open_device(config: &Config, north_deg: f64) -> anyhow::Result<Device> {
         let series = camera.series();
         return Ok(Device::Replay(camera, series));
     }
+    #[cfg(feature = "board")]
+    if config.sky == SkyKind::Camera {
+        return open_live(config).map(Device::Live);
+    }
     let Some(site) = config.site else { anyhow::bail!("{}: [site] is missing", config.file.display()) };
     let lens = config.camera.lens.as_ref().map(|path| Lens::load(path)).transpose()?;
     let mut settings = SyntheticSettings {
@@ -129,6 +179,31 @@ fn open_device(config: &Config, north_deg: f64) -> anyhow::Result<Device> {
     Ok(Device::Synthetic(Box::new(SyntheticCamera::new(settings))))
 }
 
+/// A real camera that is opened again when it is lost, and whose pictures are looked at before they are used.
+#[cfg(feature = "board")]
+fn open_live(config: &Config) -> anyhow::Result<Box<dyn Camera>> {
+    let settings = v4l2_settings(config)?;
+    let camera = Reopening::open(V4l2Camera::opener(settings), Patience::default())?;
+    Ok(Box::new(Plausible::new(camera)))
+}
+
+/// What the post's file asks of a real camera.
+#[cfg(feature = "board")]
+pub fn v4l2_settings(config: &Config) -> anyhow::Result<V4l2Settings> {
+    let fourcc = config.camera.pixel_format.as_ref().map(|name| {
+        let name = format!("{name:<4}");
+        <[u8; 4]>::try_from(name.as_bytes()).map_err(|_| {
+            anyhow::anyhow!("{}: camera.pixel_format = \"{name}\": must be such as YUYV", config.file.display())
+        })
+    });
+    Ok(V4l2Settings {
+        device: config.camera.device.clone().unwrap_or_default(),
+        size: config.camera.size.map(|(width, height)| [width as u32, height as u32]),
+        fourcc: fourcc.transpose()?,
+        ..V4l2Settings::default()
+    })
+}
+
 /// The curve that the post's file names; a simulated camera knows its own; else the camera counts as linear.
 fn response(config: &Config, device: &Device) -> anyhow::Result<Response> {
     match (&config.camera.response, device) {
@@ -139,14 +214,14 @@ fn response(config: &Config, device: &Device) -> anyhow::Result<Response> {
             let rows = fractions.iter().enumerate().map(|(code, &f)| [code as f64 / last, f, f, f]).collect();
             Ok(Response::from_rows(rows, "the simulated camera's response")?)
         }
-        (None, Device::Replay(..)) => Ok(Response::default()),
+        (None, _) => Ok(Response::default()),
     }
 }
 
 impl SkySource for CapturedSky {
     fn read(&mut self, moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault> {
         self.take(moment.unix_s)?;
-        let taken = Instant::now();
+        let taken = self.taken();
         let captured = self.capture.weights(&self.merged, self.sun(moment)).map_err(failed)?;
         let sun = match captured.sun_source {
             capture::SunSource::Measured => SunSource::Measured,
@@ -155,7 +230,7 @@ impl SkySource for CapturedSky {
                 SunSource::None
             }
         };
-        *into = SkyReading { weights: captured.weights, sun, taken: Some(taken) };
+        *into = SkyReading { weights: captured.weights, sun, taken, ..SkyReading::default() };
         Ok(true)
     }
 }

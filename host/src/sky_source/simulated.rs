@@ -41,7 +41,7 @@ impl SkySource for SimulatedSky {
             weights.sun = None;
         }
         let sun = if weights.sun.is_some() { SunSource::Model } else { SunSource::None };
-        *into = SkyReading { weights, sun, taken: None };
+        *into = SkyReading { weights, sun, ..SkyReading::default() };
         Ok(true)
     }
 }
