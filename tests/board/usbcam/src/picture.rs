@@ -87,7 +87,7 @@ impl Renderer {
 
     /// Fills a picture with noise that has nothing to do with the sky.
     pub fn render_noise(&self, number: u64, yuyv: &mut [u8]) {
-        let mut random = Random(number ^ 0x6e6f_6973_65);
+        let mut random = Random(number ^ 0x006e_6f69_7365);
         for eight in yuyv.chunks_mut(8) {
             let bytes = random.next_bits().to_le_bytes();
             eight.copy_from_slice(&bytes[..eight.len()]);

@@ -77,19 +77,26 @@ fn means(yuyv: &[u8]) -> [f64; 3] {
 }
 
 impl Automatic {
-    /// Sees a picture that was taken and chooses for those to come: the exposure goes half the way (as a power law of 2.2
-    /// would have it) to a mean luma of 110, at most `longest_100us`; the temperature steps towards equal chromas.
-    pub fn see(&mut self, yuyv: &[u8], longest_100us: f64) {
+    /// Sees a picture that was taken and chooses what is automatic by `controls` for those to come: the exposure goes half
+    /// the way (as a power law of 2.2 would have it) to a mean luma of 110, at most `longest_100us`; the temperature steps
+    /// towards equal chromas.
+    pub fn see(&mut self, yuyv: &[u8], controls: &Controls, longest_100us: f64) {
         let [luma, blue, red] = means(yuyv);
+        if !controls.is_manual() {
+            self.follow(luma, longest_100us);
+        }
+        if controls.get(Control::WhiteBalanceAuto) == 1 && (blue - red).abs() > 3.0 {
+            let step = if blue > red { 100 } else { -100 };
+            self.temperature_k = (self.temperature_k + step).clamp(2800, 10_000);
+        }
+    }
+
+    fn follow(&mut self, luma: f64, longest_100us: f64) {
         let wanted = (TARGET_LUMA - 16.0) / (luma - 16.0).max(1.0);
         if !(1.0 / STEADY..STEADY).contains(&wanted) {
             self.exposure_100us *= wanted.powf(1.1).clamp(0.25, 4.0);
         }
         self.exposure_100us = self.exposure_100us.clamp(1.0, longest_100us.max(1.0));
-        if (blue - red).abs() > 3.0 {
-            let step = if blue > red { 100 } else { -100 };
-            self.temperature_k = (self.temperature_k + step).clamp(2800, 10_000);
-        }
     }
 
     /// What stands now, by the controls and by these choices.
@@ -139,7 +146,7 @@ mod tests {
             let standing = automatic.settings(&Controls::default()).exposure_100us;
             // A grey picture: luma = 219 (0.02 exposure)^(1/2.2).
             let luma = 16.0 + 219.0 * (f64::from(standing) * 0.02).powf(1.0 / 2.2).min(1.0);
-            automatic.see(&[luma as u8, 128, luma as u8, 128].repeat(64), 10_000.0);
+            automatic.see(&[luma as u8, 128, luma as u8, 128].repeat(64), &Controls::default(), 10_000.0);
             exposures.push(standing);
         }
         // 94 / 219 = 0.429 -> fraction 0.156 -> 7.8.
@@ -151,13 +158,17 @@ mod tests {
     fn automatic_exposure_keeps_to_its_longest_and_white_balance_follows_the_picture() {
         let mut automatic = Automatic::default();
         for _ in 0..100 {
-            automatic.see(&[16, 140, 16, 120].repeat(64), 333.0);
+            automatic.see(&[16, 140, 16, 120].repeat(64), &Controls::default(), 333.0);
         }
         let standing = automatic.settings(&Controls::default());
         assert_eq!((standing.exposure_100us, standing.temperature_k), (333, 10_000));
         let mut controls = Controls::default();
         controls.force(Control::WhiteBalanceAuto, 0);
         controls.force(Control::ExposureMode, 1);
+        let held = automatic.clone();
+        automatic.see(&[235, 140, 235, 120].repeat(64), &controls, 333.0);
         assert_eq!(automatic.settings(&controls), settings(156));
+        let default = Controls::default();
+        assert_eq!(automatic.settings(&default), held.settings(&default), "what is manual is left alone");
     }
 }

@@ -169,7 +169,9 @@ impl Sensor {
         if frame.number.is_multiple_of(state.faults.latency as u64 + 2) {
             // Without priority, frames keep their interval; with it they may take up to a second.
             let may_slow_down = state.controls.get(Control::ExposurePriority) == 1;
-            state.automatic.see(&self.picture, if may_slow_down { 10_000.0 } else { interval_100us });
+            let longest_100us = if may_slow_down { 10_000.0 } else { interval_100us };
+            let State { automatic, controls, .. } = &mut *state;
+            automatic.see(&self.picture, controls, longest_100us);
         }
         Some(state)
     }
