@@ -15,6 +15,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from fault import BoardError
+
 HERE = Path(__file__).resolve().parent
 TRIPLE = "aarch64-linux-gnu"
 # In the order of loading; what they depend on comes first by itself.
@@ -25,10 +27,6 @@ LIBRARIES = (
     "libc.so.6 libm.so.6 libpthread.so.0 libdl.so.2 librt.so.1 libgcc_s.so.1 "
     "libgbm.so.1 libdrm.so.2 libwayland-server.so.0 libexpat.so.1 libffi.so.8"
 ).split()
-
-
-class BoardError(Exception):
-    """Why there is no board; one line that says what to do."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ def build_image(cache=None, mesa="none", modules=None):
     """Makes the image, or takes it from the cache. `mesa`: none, or stub (software rendering through gbm)."""
     cache = Path(cache or cache_folder()).resolve()
     modules = list(modules or MODULES)
-    packages = known_packages(cache)
+    packages = known_packages(cache, "board", lambda: [kernel_package()] + PACKAGES)
     recipe = [[p.sha256 for p in packages], modules, LIBRARIES, (HERE / "init").read_text(), Path(__file__).read_text()]
     folder = cache / f"image-{key(recipe)}"
     if not folder.exists():
@@ -119,18 +117,18 @@ def run(*command, **options):
         raise BoardError(f"{' '.join(command[:3])}: {last}") from error
 
 
-def known_packages(cache):
-    """The packages; asks apt, which takes seconds, only when its lists have changed."""
+def known_packages(cache, what, names):
+    """The packages that `names()` gives; asks apt, which takes seconds, only when its lists have changed."""
     lists = Path("/var/lib/apt/lists")
-    state = [lists.stat().st_mtime_ns if lists.exists() else 0, PACKAGES]
-    memory = cache / "packages.json"
+    state = [lists.stat().st_mtime_ns if lists.exists() else 0, hashlib.sha256(Path(__file__).read_bytes()).hexdigest()]
+    memory = cache / f"{what}-packages.json"
     try:
         known = json.loads(memory.read_text())
         if known["state"] == state:
             return [Package(*fields) for fields in known["packages"]]
     except (OSError, ValueError, KeyError, TypeError):
         pass  # not there yet, or cut short: ask again
-    packages = resolve([kernel_package()] + PACKAGES)
+    packages = resolve(names())
     cache.mkdir(parents=True, exist_ok=True)
     memory.write_text(json.dumps({"state": state, "packages": [list(vars(p).values()) for p in packages]}))
     return packages

@@ -19,7 +19,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from image import BoardError
+from fault import BoardError
 from qmp import Qmp
 
 QEMU = "qemu-system-aarch64"
@@ -97,12 +97,12 @@ class Machine:
         self.ended, self._ready_at_s = {}, None
         self._sockets = Path(tempfile.mkdtemp(prefix="board-"))
         try:
-            self._process = subprocess.Popen(self._command(), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                                             stderr=subprocess.STDOUT)
+            with open(self.out / "qemu.log", "wb") as told:
+                self._process = subprocess.Popen(self._command(), stdin=subprocess.DEVNULL, stdout=told, stderr=told)
         except FileNotFoundError as error:
             raise BoardError(f"{QEMU} is missing: apt-get install qemu-system-arm") from error
         self._port = self._connect(self._sockets / "orders")
-        self._qmp = Qmp(self._sockets / "qmp")
+        self._qmp = self._connect_qmp()
         threading.Thread(target=self._listen, args=(self._port,), daemon=True).start()
         self.until(lambda: self._ready_at_s is not None, timeout, "the start")
         return time.monotonic() - begun
@@ -238,11 +238,21 @@ class Machine:
             except OSError as error:
                 connection.close()
                 if not self.running():
-                    told = self._process.stdout.read().decode(errors="replace").strip().splitlines()
-                    raise BoardError(f"{QEMU} ends at once: {(told or ['no reason given'])[-1]}") from error
+                    raise self._ended_at_once() from error
                 if time.monotonic() > deadline:
                     raise BoardError(f"{QEMU} makes no socket within {timeout} s") from error
                 time.sleep(0.02)
+
+    def _connect_qmp(self):
+        try:
+            return Qmp(self._sockets / "qmp")
+        except (BoardError, OSError) as error:
+            self._process.wait(10)
+            raise self._ended_at_once() from error
+
+    def _ended_at_once(self):
+        told = (self.out / "qemu.log").read_text(errors="replace").strip().splitlines()
+        return BoardError(f"{QEMU} ends at once: {(told or ['no reason given'])[-1]}")
 
     def _listen(self, port):
         """Takes in what the machine says of its orders."""

@@ -21,7 +21,7 @@ TOOLS = "aarch64-linux-gnu-"
 
 def build(cache):
     """The folder with Mesa's libraries and drivers, from the cache or made now."""
-    packages = image.resolve(PACKAGES)
+    packages = image.known_packages(cache, "mesa", lambda: PACKAGES)
     recipe = [[p.sha256 for p in packages], Path(__file__).read_text()]
     folder = cache / f"mesa-{image.key(recipe)}"
     if folder.exists():

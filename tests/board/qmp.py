@@ -4,9 +4,7 @@ import json
 import socket
 import threading
 
-
-class QmpError(Exception):
-    """QEMU refused a command or is gone; one line."""
+from fault import BoardError
 
 
 class Qmp:
@@ -28,9 +26,9 @@ class Qmp:
                 self._file.flush()
                 answer = self._answer()
             except (OSError, ValueError) as error:
-                raise QmpError(f"{command}: the machine is gone ({error})") from error
+                raise BoardError(f"{command}: the machine is gone ({error})") from error
         if "error" in answer:
-            raise QmpError(f"{command}: {answer['error'].get('desc', answer['error'])}")
+            raise BoardError(f"{command}: {answer['error'].get('desc', answer['error'])}")
         return answer["return"]
 
     def _answer(self):

@@ -12,7 +12,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from image import BoardError, build_image
+from fault import BoardError
+from image import build_image
 from machine import Machine
 
 RUN = "exec usbcam run --stamp --log /out/usbcam.log --lens-out /out/lens.json --response-out /out/curve.csv"
