@@ -140,6 +140,7 @@ fn reset(device: &Device) {
     }
     state.probed = state.offer.default_choice();
     state.chosen = state.probed;
+    state.faults.frozen_until = None;
     state.control_transfers.clear();
     state.stream_transfers.clear();
     state.plugged = true;
