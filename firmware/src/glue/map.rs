@@ -74,6 +74,13 @@ pub struct RadianceMap {
     pub pixels: Vec<[f32; 3]>,
 }
 
+/// The four pixels around a direction and the shares of the right and the lower ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Taps {
+    pixels: [u32; 4],
+    shares: [f32; 2],
+}
+
 impl RadianceMap {
     /// A map of `2 * height` x `height` pixels, each the value of `radiance` in the direction of its centre (unit, map frame).
     pub fn from_fn(height: usize, mut radiance: impl FnMut([f32; 3]) -> [f32; 3]) -> Self {
@@ -117,13 +124,26 @@ impl RadianceMap {
 
     /// Radiance in a direction, bilinear between pixel centres; columns wrap, rows end at the poles.
     pub fn sample(&self, dir_map: [f32; 3]) -> [f32; 3] {
+        self.mix(&self.taps(dir_map))
+    }
+
+    /// What [`Self::sample`] takes from where: the same for every map of this size.
+    pub fn taps(&self, dir_map: [f32; 3]) -> Taps {
         let [u, v] = self.position_of(dir_map);
         let (u, v) = ((u - 0.5).rem_euclid(self.width as f64), (v - 0.5).clamp(0.0, (self.height - 1) as f64));
         let (col, row) = ((u as usize).min(self.width - 1), v as usize);
-        let (fu, fv) = ((u - col as f64) as f32, (v - row as f64) as f32);
         let (next_col, next_row) = ((col + 1) % self.width, (row + 1).min(self.height - 1));
-        let at = |c: usize, r: usize| self.pixels[r * self.width + c];
-        let (a, b, c, d) = (at(col, row), at(next_col, row), at(col, next_row), at(next_col, next_row));
+        let at = |c: usize, r: usize| (r * self.width + c) as u32;
+        Taps {
+            pixels: [at(col, row), at(next_col, row), at(col, next_row), at(next_col, next_row)],
+            shares: [(u - col as f64) as f32, (v - row as f64) as f32],
+        }
+    }
+
+    /// The radiance that taps of a map of this size take.
+    pub fn mix(&self, taps: &Taps) -> [f32; 3] {
+        let [a, b, c, d] = taps.pixels.map(|pixel| self.pixels[pixel as usize]);
+        let [fu, fv] = taps.shares;
         std::array::from_fn(|k| (a[k] * (1.0 - fu) + b[k] * fu) * (1.0 - fv) + (c[k] * (1.0 - fu) + d[k] * fu) * fv)
     }
 

@@ -6,12 +6,11 @@
 
 use super::{Camera, CameraError, CameraLimits, Exposure, Frame};
 use crate::lens::Lens;
-use crate::map::RadianceMap;
+use crate::map::{RadianceMap, Taps};
 use crate::skymodel::{Atmosphere, SkyModel, disc_directions};
 use crate::sun::{Place, SunPosition};
 use std::collections::VecDeque;
 
-const MAP_HEIGHT: usize = 128;
 const NOISE_TABLE: usize = 4096;
 const RESPONSE_STEPS: usize = 8192;
 
@@ -52,6 +51,8 @@ pub struct SyntheticSettings {
     pub max_exposure_s: f64,
     /// Frames until a request shows.
     pub delay_frames: u32,
+    /// Rows of the lat-long map through which the sky is seen; fewer are quicker and blur the clouds.
+    pub sky_rows: usize,
     /// Noise.
     pub seed: u64,
 }
@@ -76,6 +77,7 @@ impl Default for SyntheticSettings {
             exposure_step_s: 1e-4,
             max_exposure_s: 0.5,
             delay_frames: 2,
+            sky_rows: 128,
             seed: 1,
         }
     }
@@ -93,6 +95,8 @@ pub struct SyntheticCamera {
     settings: SyntheticSettings,
     lens: Lens,
     seen: Vec<SeenPixel>,
+    /// Where each seen pixel takes its radiance from the sky's map.
+    taps: Vec<Taps>,
     /// Truth: radiance per seen pixel at `sky_time_s`, before vignetting.
     truth: Vec<[f32; 3]>,
     sky: SkyModel,
@@ -127,6 +131,13 @@ fn sky_of(settings: &SyntheticSettings, time_s: f64) -> SkyModel {
     SkyModel::new(settings.atmosphere, position, settings.north_deg, time_s)
 }
 
+fn taps(sky_rows: usize, seen: &[SeenPixel]) -> Vec<Taps> {
+    let map = RadianceMap { width: 2 * sky_rows, height: sky_rows, pixels: Vec::new() };
+    // The map's rows next to the horizon must not mix sky and ground.
+    let lowest = 0.5 * std::f32::consts::PI / sky_rows as f32;
+    seen.iter().map(|pixel| map.taps([pixel.dir[0], pixel.dir[1].max(lowest), pixel.dir[2]])).collect()
+}
+
 impl SyntheticCamera {
     /// A camera at its first moment.
     pub fn new(settings: SyntheticSettings) -> Self {
@@ -154,6 +165,7 @@ impl SyntheticCamera {
         let current = Exposure { exposure_s: settings.exposure_step_s, gain: 1.0 };
         let mut camera = SyntheticCamera {
             truth: vec![[0.0; 3]; seen.len()],
+            taps: taps(settings.sky_rows, &seen),
             settings,
             lens,
             seen,
@@ -178,6 +190,17 @@ impl SyntheticCamera {
     /// The sky as of the last frame: the truth behind the pictures.
     pub fn sky(&self) -> &SkyModel {
         &self.sky
+    }
+
+    /// Takes in the sky of a time, unix seconds, without a frame; that of the next frame is the same.
+    pub fn see(&mut self, unix_s: f64) {
+        self.time_s = unix_s;
+        self.look();
+    }
+
+    /// Index and true radiance of every pixel that the lens images, as of the last frame, in order.
+    pub fn seen(&self) -> impl Iterator<Item = (usize, [f32; 3])> {
+        self.seen.iter().map(|pixel| pixel.index).zip(self.truth.iter().copied())
     }
 
     /// True radiance per pixel as of the last frame, sun's disc included; 0 where the lens sees nothing.
@@ -211,12 +234,10 @@ impl SyntheticCamera {
         }
         self.sky = sky_of(&self.settings, self.time_s);
         self.sky_time_s = self.time_s;
-        let map: RadianceMap = self.sky.map(MAP_HEIGHT);
+        let map = self.sky.map(self.settings.sky_rows);
         let ground = self.sky.ground_radiance();
-        for (value, pixel) in self.truth.iter_mut().zip(&self.seen) {
-            // The map's rows next to the horizon must not mix sky and ground.
-            let level = pixel.dir[1].max(0.5 * std::f32::consts::PI / MAP_HEIGHT as f32);
-            *value = if pixel.dir[1] < 0.0 { ground } else { map.sample([pixel.dir[0], level, pixel.dir[2]]) };
+        for ((value, pixel), taps) in self.truth.iter_mut().zip(&self.seen).zip(&self.taps) {
+            *value = if pixel.dir[1] < 0.0 { ground } else { map.mix(taps) };
         }
         self.add_sun();
     }
