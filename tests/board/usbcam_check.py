@@ -13,23 +13,20 @@ import time
 from pathlib import Path
 
 from fault import BoardError
+from findings import Findings
 from image import build_image
 from machine import Machine
 
 RUN = "exec usbcam run --stamp --log /out/usbcam.log --lens-out /out/lens.json --response-out /out/curve.csv"
 
 
-class Check:
+class Check(Findings):
     """A booted board with the camera plugged in."""
 
     def __init__(self, board):
-        self.board, self.failed = board, 0
+        super().__init__()
+        self.board = board
         self.log = board.out / "usbcam.log"
-
-    def must(self, holds, text):
-        """A finding."""
-        self.failed += not holds
-        print(f"{'ok    ' if holds else 'FAILED'} {text}", flush=True)
 
     def ctl(self, order):
         """An order to the camera; when it was given, in seconds of CLOCK_MONOTONIC."""

@@ -1,0 +1,265 @@
+#!/usr/bin/env python3
+"""post_check.py FOLDER PROGRAMS: a post on the virtual board: USB camera in, screen out, and everything that goes wrong.
+
+FOLDER holds a.field, 640x480, and gets `out/`: what the post wrote, and for each picture taken from outside NAME.ppm with the
+light that was logged until then, NAME.jsonl. PROGRAMS holds relume (feature board) and usbcam for arm64. Prints a line per
+finding; exit status 1 when something does not hold, 2 when there is no board.
+"""
+
+import json
+import shutil
+import sys
+import time
+from pathlib import Path
+
+from fault import BoardError
+from findings import Findings
+from image import build_image
+from machine import Machine
+
+MORNING = "2026-06-21T08:00:00"
+EVENING = "2026-06-21T17:40:00"
+SITE = "41.9,12.5"
+CAMERA = (
+    f"exec usbcam run --start {MORNING}Z --speed 1 --site {SITE} --clouds 0.2 --log /out/usbcam.log "
+    "--lens-out /out/lens.json --response-out /out/curve.csv"
+)
+POST = """
+title = "Ναός - Храм - Świątynia"
+caption = "As it stood in the year 120"
+field = "/share/a.field"
+sky = "camera"
+health = "{health}"
+[site]
+latitude = 41.9
+longitude = 12.5
+[camera]
+device = "Relume Sky Camera"
+lens = "/out/lens.json"
+response = "/out/curve.csv"
+radiance_scale = 0.04
+white_balance_k = 6500
+max_gain = 8
+[display]
+kind = "kms"
+mode = "640x480"
+buffers = "dumb"
+[run]
+interval_s = 0.1
+light_log = "/out/light.jsonl"
+"""
+CARD = "/sys/bus/pci/drivers/virtio-pci"
+SOCKET = "$(echo /sys/class/drm/card*-Virtual-*/status)"
+# Longest wait for what should come within 5 s on a quiet machine: this one may be busy, and is emulated.
+PATIENCE_S = 90
+
+
+class PostCheck(Findings):
+    """A board with the camera plugged in and the post running."""
+
+    def __init__(self, board):
+        super().__init__()
+        self.board, self.post, self.camera = board, None, None
+        self.health_file = board.out / "health.json"
+
+    # ---- the post
+
+    def plug_in(self):
+        """Starts the camera."""
+        self.camera = self.board.start(CAMERA)
+        self.board.wait_for("plugged at port", "usbcam.log", PATIENCE_S)
+
+    def open(self, health="/out/health.json"):
+        """Starts the post and waits until it follows the sky."""
+        (self.board.out / "POST.toml").write_text(POST.format(health=health))
+        self.health_file.unlink(missing_ok=True)
+        self.post = self.board.start("exec relume run /out/POST.toml --json")
+        return self.until("ok")
+
+    def health(self):
+        """The post's state; nothing before the first one is written."""
+        try:
+            return json.loads(self.health_file.read_text())
+        except FileNotFoundError:
+            return {}
+
+    def until(self, *words):
+        """Waits until the state has one of `words`, and two more frames; seconds that took."""
+        begun, frames = time.monotonic(), self.health().get("frames", 0)
+        if not self.post.running():
+            raise BoardError(f"the post has ended: {self.post.output().strip()[-300:]}")
+
+        def there():
+            health = self.health()
+            fresh = words != ("ok",) or health.get("weights") == "fresh"
+            state = health.get("state", "")
+            is_state = any(word == state if word == "ok" else word in state for word in words)
+            return is_state and fresh and health.get("frames", 0) > frames + 1
+
+        try:
+            self.board.until(there, PATIENCE_S, f"the state {' or '.join(words)}")
+        except BoardError as error:
+            raise BoardError(f"{error}; the state is {self.health().get('state')}") from error
+        return time.monotonic() - begun
+
+    def take(self, name):
+        """A picture from outside, and the light logged until then, while the post stands still."""
+        self.board.sh("kill -STOP $(pidof relume); sleep 0.3")
+        self.board.screendump(self.board.out / f"{name}.ppm")
+        shutil.copy(self.board.out / "light.jsonl", self.board.out / f"{name}.jsonl")
+        self.board.sh("kill -CONT $(pidof relume)")
+
+    def order(self, script):
+        """What a person, or fate, does."""
+        self.board.sh(script, PATIENCE_S)
+
+    # ---- what must hold
+
+    def pictures(self):
+        """The picture follows the sky."""
+        self.must(True, f"the post opens and follows the sky after {self.open():.1f} s")
+        self.until("ok")
+        morning = self.health()
+        self.take("morning")
+        self.order(f"date -u -s '{EVENING.replace('T', ' ')}'; usbcam ctl time {EVENING}Z")
+        self.board.until(lambda: self.health()["exposure_ev"] > morning["exposure_ev"] + 0.5, PATIENCE_S, "a longer exposure")
+        time.sleep(2)
+        self.until("ok")
+        self.take("evening")
+        evening = self.health()
+        self.must(
+            evening["sun_azimuth_altitude_deg"][0] > 270 > morning["sun_azimuth_altitude_deg"][0],
+            f"the sun goes from {morning['sun_azimuth_altitude_deg']} to {evening['sun_azimuth_altitude_deg']}",
+        )
+        print(f"       light to pixel: {evening['latency_ms']:.0f} ms, at worst {evening['latency_worst_ms']:.0f} ms")
+        self.order(f"date -u -s '{MORNING.replace('T', ' ')}'; usbcam ctl time {MORNING}Z")
+        self.until("ok")
+
+    def fault(self, name, do, undo, *words):
+        """A fault comes, is told where `words` are given, and goes; the picture stays up all the while."""
+        self.order(do)
+        if words:
+            self.until(*words)
+        else:
+            time.sleep(2)
+        told = self.health().get("state")
+        self.order(undo)
+        took = self.until("ok")
+        self.must(True, f"{name}: {told}; well again after {took:.1f} s")
+
+    def camera_faults(self):
+        """The camera is lost, hangs and lies."""
+        sky = ("sky fails",)
+        self.fault("camera pulled out", "usbcam ctl cut", "usbcam ctl plug", *sky)
+        self.fault("camera taken from its port", "usbcam ctl detach", "usbcam ctl plug", *sky)
+        self.fault("3 frames with errors, 2 cut short", "usbcam ctl error 3; usbcam ctl short 2", "true")
+        self.fault("frozen for 4 s", "usbcam ctl freeze 4000", "sleep 4")
+        self.fault("the same picture again and again", "usbcam ctl stuck on", "usbcam ctl stuck off", "stuck")
+        self.fault("black", "usbcam ctl black on", "usbcam ctl black off")
+        self.fault("noise", "usbcam ctl noise on", "usbcam ctl noise off", "noise")
+        self.fault("half of the frames dropped", "usbcam ctl drop 50", "usbcam ctl drop 0")
+        self.fault("all frames dropped", "usbcam ctl drop 100", "usbcam ctl drop 0", *sky)
+        self.fault("settings refused", "usbcam ctl refuse 3", "usbcam ctl refuse 0", *sky)
+        self.fault("another size after a replug", "usbcam ctl cut; usbcam ctl size 160x160; usbcam ctl plug",
+                   "usbcam ctl cut; usbcam ctl size 320x320; usbcam ctl plug", *sky)
+        driver = "/sys/bus/usb/drivers/uvcvideo"
+        self.fault("driver unbound", f"cd {driver}; ls -d *:1.0 > /tmp/port; cat /tmp/port > unbind",
+                   f"cat /tmp/port > {driver}/bind", *sky)
+
+    def display_faults(self):
+        """The screen goes and comes back."""
+        self.fault("display unplugged", f"echo off > {SOCKET}", f"echo on > {SOCKET}", "display")
+        find = "basename $(readlink -f /sys/class/drm/card0/device)"
+        self.fault("display driver unbound", f"{find} > /tmp/gpu; cat /tmp/gpu > {CARD}/unbind",
+                   f"cat /tmp/gpu > {CARD}/bind", "display")
+        second = self.board.sh("relume check /out/POST.toml", PATIENCE_S, check=False)
+        refused = [line for line in second.output.splitlines() if line.startswith("BAD  display")]
+        self.must(second.status == 2 and "another program" in str(refused), f"a second program: {refused}")
+        self.until("ok")
+
+    def clock_faults(self):
+        """The clock jumps, and is lost."""
+        at = "date -u -s \"@$(($(date +%s) {} 3600))\""
+        self.fault("clock an hour on", at.format("+"), at.format("-"))
+        self.fault("clock an hour back", at.format("-"), at.format("+"))
+        self.fault("clock lost", "date +%s > /tmp/time; date -u -s @60", 'date -u -s "@$(cat /tmp/time)"', "clock not trusted")
+
+    def ends(self):
+        """It ends when told, and starts again after anything."""
+        done = self.board.sh("cut -d' ' -f1 /proc/uptime; kill -TERM $(pidof relume); "
+                             "while pidof relume > /dev/null; do sleep 0.05; done; cut -d' ' -f1 /proc/uptime")
+        begun, ended = (float(line) for line in done.output.split())
+        self.must(self.post.wait().status == 0, f"SIGTERM: ends with 0 after {ended - begun:.2f} s")
+        self.open()
+        self.order("kill -9 $(pidof relume)")
+        self.post.wait()
+        self.must(True, f"kill -9, then a start: well after {self.open():.1f} s")
+
+    def disk_full(self):
+        """The state has no room; the picture goes on."""
+        self.order("kill -TERM $(pidof relume); mkdir -p /small; mount -t tmpfs -o size=64k small /small")
+        self.post.wait()
+        (self.board.out / "POST.toml").write_text(POST.format(health="/small/health.json"))
+        self.post = self.board.start("exec relume run /out/POST.toml")
+        # The state goes through the small disk; a copy of it tells what is there.
+        watch = self.board.start("while true; do cp /small/health.json /out/h.tmp && mv /out/h.tmp /out/health.json; sleep 0.3; done")
+        self.until("ok")
+        self.order("dd if=/dev/zero of=/small/full bs=1k 2>/dev/null; kill -USR1 $(pidof relume)")
+        time.sleep(3)
+        self.must(self.post.running(), "disk full: the post goes on")
+        self.order("rm /small/full")
+        took = self.until("ok")
+        self.must(True, f"disk full: the state is written again after {took:.1f} s")
+        self.order("kill -TERM $(pidof relume)")
+        self.post.wait()
+        self.must(watch.running(), "the watch saw it all")
+
+    def power_cut(self):
+        """The power goes, comes back, and the post with it."""
+        self.open()
+        time.sleep(1.3)
+        self.board.power_cut()
+        health = self.health_file.read_text()
+        self.must(json.loads(health)["frames"] > 0, "power cut: the state is whole")
+        (self.board.out / "usbcam.log").unlink()
+        self.board.boot(PATIENCE_S)
+        self.plug_in()
+        self.must(True, f"power cut: well after {self.open():.1f} s")
+        memory = self.board.sh("grep VmHWM /proc/$(pidof relume)/status").output.split()
+        print(f"       the post took {int(memory[1]) / 1024:.0f} MB at most")
+
+
+def main(folder, programs):
+    """The check."""
+    share, out = folder / "share", folder / "out"
+    shutil.rmtree(share, ignore_errors=True)
+    shutil.rmtree(out, ignore_errors=True)
+    (share / "bin").mkdir(parents=True)
+    for name in ("relume", "usbcam"):
+        shutil.copy(programs / name, share / "bin")
+    shutil.copy(folder / "a.field", share)
+    with Machine(build_image(), share, out, skip=["vivid"], rtc=MORNING) as board:
+        print(f"       boot: {board.boot(PATIENCE_S):.1f} s")
+        check = PostCheck(board)
+        try:
+            check.plug_in()
+            for part in (check.pictures, check.camera_faults, check.display_faults, check.clock_faults, check.ends,
+                         check.disk_full, check.power_cut):
+                part()
+            complaints = board.sh("dmesg | grep -E 'BUG:|WARNING:|Oops|Call trace' | head -3", check=False).output
+            check.must(not complaints, f"the kernel is content {complaints.strip()}")
+        except BoardError:
+            print(check.post.output()[-3000:] if check.post else "", check.camera.output()[-300:], sep="\n")
+            raise
+        board.shutdown()
+    return 1 if check.failed else 0
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    try:
+        sys.exit(main(Path(sys.argv[1]).resolve(), Path(sys.argv[2])))
+    except (BoardError, OSError) as error:
+        print(f"post_check: {error}", file=sys.stderr)
+        sys.exit(2)
