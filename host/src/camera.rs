@@ -3,9 +3,11 @@
 //! A camera takes a request for an exposure, which may take effect some frames later, and hands out frames that carry
 //! the exposure they were really taken with. A series is gathered by matching frames against that value.
 
+pub mod demosaic;
 pub mod fault;
 pub mod replay;
 pub mod synthetic;
+pub mod unpack;
 
 /// Exposure time and gain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,6 +108,21 @@ impl Frame {
                 codes
             }
             Codes::U16(_) => &mut [],
+        }
+    }
+
+    /// Sizes the buffer for 16-bit codes and hands it out; allocates only when the size changed.
+    pub fn codes_u16(&mut self, width: usize, height: usize) -> &mut [u16] {
+        (self.width, self.height) = (width, height);
+        if !matches!(self.codes, Codes::U16(_)) {
+            self.codes = Codes::U16(Vec::new());
+        }
+        match &mut self.codes {
+            Codes::U16(codes) => {
+                codes.resize(width * height * 3, 0);
+                codes
+            }
+            Codes::U8(_) => &mut [],
         }
     }
 }
