@@ -5,6 +5,8 @@
 
 pub mod demosaic;
 pub mod fault;
+pub mod plausible;
+pub mod reopen;
 pub mod replay;
 pub mod synthetic;
 pub mod unpack;
@@ -159,12 +161,29 @@ impl CameraLimits {
 /// Why a camera gave no frame; one line.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
-    /// No frame came in time; the next one may.
-    #[error("no frame from the camera in time")]
+    /// No frame or answer came in time; the next one may.
+    #[error("the camera did not answer in time")]
     Timeout,
     /// The camera is gone; open it again.
     #[error("the camera is gone")]
     Lost,
+    /// Another program holds the camera.
+    #[error("{path} is in use by another program: stop that one, or name another camera")]
+    Busy {
+        /// Device node.
+        path: String,
+    },
+    /// The device refused something; trying again may help.
+    #[error("{path}: {what}")]
+    Device {
+        /// Device node, or what the post's file calls it.
+        path: String,
+        /// What was refused and why.
+        what: String,
+    },
+    /// Frames come, but they are no pictures of a sky.
+    #[error("the camera's pictures are {0}")]
+    Implausible(plausible::PictureFault),
     /// A recording has no more frames.
     #[error("the recording has no more frames")]
     Ended,
