@@ -10,6 +10,8 @@ pub mod reopen;
 pub mod replay;
 pub mod synthetic;
 pub mod unpack;
+#[cfg(feature = "board")]
+pub mod v4l2;
 
 /// Exposure time and gain.
 #[derive(Clone, Copy, Debug, PartialEq)]
