@@ -3,9 +3,15 @@
 //! A camera takes a request for an exposure, which may take effect some frames later, and hands out frames that carry
 //! the exposure they were really taken with. A series is gathered by matching frames against that value.
 
+pub mod demosaic;
 pub mod fault;
+pub mod plausible;
+pub mod reopen;
 pub mod replay;
 pub mod synthetic;
+pub mod unpack;
+#[cfg(feature = "board")]
+pub mod v4l2;
 
 /// Exposure time and gain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,6 +114,21 @@ impl Frame {
             Codes::U16(_) => &mut [],
         }
     }
+
+    /// Sizes the buffer for 16-bit codes and hands it out; allocates only when the size changed.
+    pub fn codes_u16(&mut self, width: usize, height: usize) -> &mut [u16] {
+        (self.width, self.height) = (width, height);
+        if !matches!(self.codes, Codes::U16(_)) {
+            self.codes = Codes::U16(Vec::new());
+        }
+        match &mut self.codes {
+            Codes::U16(codes) => {
+                codes.resize(width * height * 3, 0);
+                codes
+            }
+            Codes::U8(_) => &mut [],
+        }
+    }
 }
 
 /// What a camera can do.
@@ -142,12 +163,29 @@ impl CameraLimits {
 /// Why a camera gave no frame; one line.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
-    /// No frame came in time; the next one may.
-    #[error("no frame from the camera in time")]
+    /// No frame or answer came in time; the next one may.
+    #[error("the camera did not answer in time")]
     Timeout,
     /// The camera is gone; open it again.
     #[error("the camera is gone")]
     Lost,
+    /// Another program holds the camera.
+    #[error("{path} is in use by another program: stop that one, or name another camera")]
+    Busy {
+        /// Device node.
+        path: String,
+    },
+    /// The device refused something; trying again may help.
+    #[error("{path}: {what}")]
+    Device {
+        /// Device node, or what the post's file calls it.
+        path: String,
+        /// What was refused and why.
+        what: String,
+    },
+    /// Frames come, but they are no pictures of a sky.
+    #[error("the camera's pictures are {0}")]
+    Implausible(plausible::PictureFault),
     /// A recording has no more frames.
     #[error("the recording has no more frames")]
     Ended,

@@ -41,6 +41,8 @@ pub const KEYS: &[&str] = &[
     "camera.device",
     "camera.size",
     "camera.pixel_format",
+    "camera.white_balance_k",
+    "camera.max_gain",
     "display.kind",
     "display.folder",
     "display.every",

@@ -58,15 +58,23 @@ pub struct CameraConfig {
     pub size: Option<(usize, usize)>,
     /// Pixel format (fourcc) that a real camera is asked for.
     pub pixel_format: Option<String>,
+    /// Colour temperature that counts as white, kelvin.
+    pub white_balance_k: u32,
+    /// Gain at the largest value of a real camera's gain control; none if the control is to be left alone.
+    pub max_gain: Option<f64>,
 }
 
+/// The white of Rec.709 (D65), kelvin.
+const WHITE_K: u64 = 6500;
 /// Keys that belong to one sky only.
-const KEYS_OF: [(&str, SkyKind); 5] = [
+const KEYS_OF: [(&str, SkyKind); 7] = [
     ("camera.frames", SkyKind::Replay),
     ("camera.light_log", SkyKind::Logged),
     ("camera.device", SkyKind::Camera),
     ("camera.size", SkyKind::Camera),
     ("camera.pixel_format", SkyKind::Camera),
+    ("camera.white_balance_k", SkyKind::Camera),
+    ("camera.max_gain", SkyKind::Camera),
 ];
 /// Keys that a sky cannot do without, and what to write.
 const NEEDED: [(SkyKind, &str, &str); 5] = [
@@ -91,6 +99,8 @@ pub(super) fn sky(r: &Reader, site: Option<Site>) -> Result<(SkyKind, CameraConf
         device: r.text("camera.device", 200)?,
         size: size(r)?,
         pixel_format: r.text("camera.pixel_format", 4)?,
+        white_balance_k: r.whole("camera.white_balance_k", 1000..=20_000)?.unwrap_or(WHITE_K) as u32,
+        max_gain: r.number("camera.max_gain", 1.0..=1000.0)?,
     };
     check(r, sky, site).map(|()| (sky, camera))
 }

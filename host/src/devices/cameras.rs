@@ -1,34 +1,21 @@
 //! V4L2 capture nodes.
 
 use super::{CaptureNode, advice};
+use crate::camera::v4l2::node::{self, CLASS};
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use v4l::framesize::FrameSizeEnum;
 use v4l::video::Capture;
 
-const CLASS: &str = "/sys/class/video4linux";
-
 pub(super) fn list() -> Vec<CaptureNode> {
-    let entries = fs::read_dir(CLASS).into_iter().flatten().flatten();
-    let mut nodes: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|node| is_first(node)).collect();
-    nodes.sort_by_key(|node| number(node));
-    nodes.iter().filter_map(|node| describe(node)).collect()
-}
-
-fn number(node: &Path) -> Option<u32> {
-    node.file_name()?.to_str()?.strip_prefix("video")?.parse().ok()
-}
-
-/// A USB camera makes two nodes, pictures and metadata; the pictures' one has index 0.
-fn is_first(node: &Path) -> bool {
-    number(node).is_some() && fs::read_to_string(node.join("index")).is_ok_and(|text| text.trim() == "0")
+    node::picture_nodes(Path::new(CLASS)).iter().filter_map(|node| describe(node)).collect()
 }
 
 /// `None` for nodes that capture nothing (outputs, decoders).
 fn describe(node: &Path) -> Option<CaptureNode> {
     let path = Path::new("/dev").join(node.file_name()?);
-    let name = fs::read_to_string(node.join("name")).unwrap_or_default().trim().to_string();
+    let name = node::name(node);
     let driver = fs::canonicalize(node.join("device/driver")).ok();
     let driver = driver.and_then(|d| Some(d.file_name()?.to_string_lossy().into_owned()));
     let driver = driver.unwrap_or_else(|| "unknown driver".into());

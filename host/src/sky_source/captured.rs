@@ -9,7 +9,7 @@ use crate::camera::reopen::{Patience, Reopening};
 use crate::camera::replay::ReplayCamera;
 use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
 #[cfg(feature = "board")]
-use crate::camera::v4l2::{V4l2Camera, V4l2Settings};
+use crate::camera::v4l2::{GainModel, V4l2Camera, V4l2Settings};
 use crate::camera::{Camera, CameraError, Exposure, Frame, take_series};
 use crate::capture::{self, Capture, CaptureSettings};
 use crate::clock::Moment;
@@ -200,6 +200,8 @@ pub fn v4l2_settings(config: &Config) -> anyhow::Result<V4l2Settings> {
         device: config.camera.device.clone().unwrap_or_default(),
         size: config.camera.size.map(|(width, height)| [width as u32, height as u32]),
         fourcc: fourcc.transpose()?,
+        white_balance_k: config.camera.white_balance_k,
+        gain: config.camera.max_gain.map(GainModel::UpTo),
         ..V4l2Settings::default()
     })
 }
