@@ -8,11 +8,11 @@ use crate::exposure::ExposureControl;
 use crate::failure::{Failure, OrFail};
 use crate::health::{Health, WELL, WeightsState};
 use crate::labels::{Labels, News};
-use crate::lightlog::{LightLog, LoggedLight};
+use crate::lightlog::LightLog;
 use crate::painter::Painter;
 use crate::picture::write_png;
 use crate::relight::FrameCounters;
-use crate::sky_source::{SkyFault, SkyReading, SkySource, SunSource};
+use crate::sky_source::{SkyReading, SkySource, SunSource};
 use crate::sun::{SunPosition, format_utc, position_of};
 use crate::weights::PatchWeights;
 use relume_firmware::field::CameraRecord;
@@ -83,6 +83,7 @@ pub struct Post<'p> {
     weights: WeightsState,
     health_file: PathBuf,
     told: Option<Vital>,
+    told_state: String,
     told_at: Instant,
     last_fault: Option<String>,
     note: Option<String>,
@@ -143,6 +144,7 @@ impl<'p> Post<'p> {
             weights: WeightsState::StandIn,
             health_file: config.health.clone(),
             told: None,
+            told_state: String::new(),
             told_at: Instant::now(),
             last_fault: None,
             note: None,
@@ -209,28 +211,6 @@ impl<'p> Post<'p> {
         self.limits.duration_s.is_some_and(|most| elapsed_s >= most).then_some("duration")
     }
 
-    /// Asks the sky for new weights and keeps the old ones if there are none. True when there will be no more.
-    fn look(&mut self, moment: Moment) -> bool {
-        match self.parts.sky.read(moment, &mut self.next) {
-            Ok(false) => {}
-            Ok(true) => {
-                std::mem::swap(&mut self.held, &mut self.next);
-                self.held_since_unix_s = Some(moment.unix_s);
-                self.weights = WeightsState::Fresh;
-                self.is_new = true;
-            }
-            Err(SkyFault::Ended) => return true,
-            Err(SkyFault::Failed(reason)) => {
-                self.sky_faults += 1;
-                self.last_fault = Some(reason);
-                if self.weights == WeightsState::Fresh {
-                    self.weights = WeightsState::Held;
-                }
-            }
-        }
-        false
-    }
-
     /// Relights, draws and presents one frame.
     fn show(&mut self, moment: Moment) -> Result<(), Failure> {
         let is_new = std::mem::take(&mut self.is_new);
@@ -283,59 +263,6 @@ impl<'p> Post<'p> {
         self.held.weights.sun.map(|sun| position_of(sun.dir_world, self.parts.painter.north_deg()))
     }
 
-    /// New weights to the painter, with the exposure in use, and once more where they ask for another; logged light with the
-    /// exposures it was relit with. Weights that do not fit are a fault of the sky: the picture stays.
-    fn relight(&mut self, moment: Moment) {
-        let (mut used, mut passes) = ([0.0; 2], 0);
-        while let Some(exposure) = self.next_exposure(passes) {
-            match self.parts.painter.relight(&self.held.weights, exposure) {
-                Ok(note) => self.note = note,
-                Err(error) => return self.refuse(error),
-            }
-            used[passes] = exposure;
-            passes += 1;
-        }
-        self.log(moment, &used[..passes]);
-    }
-
-    /// The exposure of a pass over new weights; `None` when they are done.
-    fn next_exposure(&mut self, pass: usize) -> Option<f32> {
-        match pass {
-            2.. => None,
-            _ if !self.held.exposures.is_empty() => self.held.exposures.get(pass).copied(),
-            0 => Some(self.exposure.factor()),
-            _ => {
-                let changes = self.exposure.is_auto() && self.exposure.see(self.parts.painter.wanted_exposure());
-                self.exposure_changes += u64::from(changes);
-                changes.then(|| self.exposure.factor())
-            }
-        }
-    }
-
-    /// Weights that do not fit.
-    fn refuse(&mut self, error: anyhow::Error) {
-        self.sky_faults += 1;
-        self.last_fault = Some(Failure::Runtime(error).to_string());
-        self.weights = WeightsState::Held;
-    }
-
-    /// Notes the light in the log, if there is one. A full disk ends the log, not the picture.
-    fn log(&mut self, moment: Moment, exposures: &[f32]) {
-        let Some(log) = &mut self.light_log else { return };
-        let weights = &self.held.weights;
-        let light = LoggedLight {
-            frame: self.frames,
-            unix_s: moment.unix_s,
-            exposures: exposures.to_vec(),
-            radiance: weights.radiance.clone(),
-            sun: weights.sun.map(|sun| (self.parts.painter.sun_dir_world().unwrap_or(sun.dir_world), sun.irradiance)),
-        };
-        if let Err(error) = log.add(&light) {
-            eprintln!("{error}");
-            self.light_log = None;
-        }
-    }
-
     /// Writes the picture shown as a PNG beside the state.
     fn take_picture(&self) {
         let (width, height) = self.parts.painter.size();
@@ -354,8 +281,9 @@ impl<'p> Post<'p> {
             return;
         }
         let health = self.health(moment);
-        if changed {
+        if self.told_state != health.state {
             eprintln!("{} {}", health.time_utc, health.state);
+            self.told_state.clone_from(&health.state);
         }
         if let Err(error) = health.write(&self.health_file)
             && changed
@@ -415,5 +343,6 @@ impl<'p> Post<'p> {
     }
 }
 
+mod light;
 #[cfg(test)]
 mod tests;

@@ -19,6 +19,8 @@ const AT_LIMIT: f64 = 2.0;
 const NOISE_RATIO: f64 = 0.7;
 /// Noise of less than this deviation, as a share of the largest code, may be a dark sky's.
 const NOISE_DEVIATION: f64 = 0.08;
+/// How far away a neighbour is, px.
+const NEIGHBOUR: usize = 2;
 /// Pixels that the statistics look at, about.
 const SAMPLES: usize = 8192;
 
@@ -76,22 +78,22 @@ fn look(frame: &Frame) -> Look {
     let (width, height) = (frame.width, frame.height);
     let scale = 1.0 / f64::from(frame.codes.max());
     let green = |x: usize, y: usize| f64::from(frame.codes.get((y * width + x) * 3 + 1)) * scale;
-    // Neither neighbour may be out of the picture; chroma is shared, but green is mostly luminance.
+    // Two pixels on, because nearer ones share their chroma. Neither neighbour may be out of the picture.
     let step = (width * height / SAMPLES).max(1);
     let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
     let (mut across, mut down) = (0.0, 0.0);
     let (mut dark, mut light) = (0.0, 0.0);
     for at in (0..width * height).step_by(step) {
         let (x, y) = (at % width, at / width);
-        if x + 1 >= width || y + 1 >= height {
+        if x + NEIGHBOUR >= width || y + NEIGHBOUR >= height {
             continue;
         }
         let value = green(x, y);
         count += 1.0;
         sum += value;
         squares += value * value;
-        across += (value - green(x + 1, y)).powi(2);
-        down += (value - green(x, y + 1)).powi(2);
+        across += (value - green(x + NEIGHBOUR, y)).powi(2);
+        down += (value - green(x, y + NEIGHBOUR)).powi(2);
         dark += f64::from(u8::from(value <= BLACK));
         light += f64::from(u8::from(value >= WHITE));
     }

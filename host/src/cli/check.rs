@@ -1,5 +1,7 @@
 //! `relume check`: what is wrong with a post, in plain words, before it opens.
 
+mod machine;
+
 use super::args::{Command, post_arguments};
 use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind};
 use crate::display::headless::Headless;
@@ -89,6 +91,8 @@ fn check(file: &Path) -> Table {
     let state = crate::outfile::check_writable(&config.health);
     table.add("health", state.map(|()| ((), format!("{} can be written", config.health.display()))));
     table.add("clock", clock(&config).map(|words| ((), words)));
+    machine::disk(&config, &mut table);
+    machine::heat(&mut table);
     table
 }
 
@@ -136,6 +140,13 @@ fn sky(config: &Config, table: &mut Table) {
             let log = config.camera.light_log.as_deref().unwrap_or(&config.file);
             let opened = crate::lightlog::LightLogReader::open(log);
             table.add("light", opened.map(|_| ((), format!("light from {}", log.display()))));
+            return;
+        }
+        #[cfg(feature = "board")]
+        (SkyKind::Camera, _) => return machine::camera(config, table),
+        #[cfg(not(feature = "board"))]
+        (SkyKind::Camera, _) => {
+            table.add("camera", Err::<((), String), _>(super::run::no_drivers(config, "sky = \"camera\"")));
             return;
         }
         (SkyKind::Simulated, _) => "simulated from time and place",

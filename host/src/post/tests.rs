@@ -1,6 +1,7 @@
 use super::*;
 use crate::config::ClockConfig;
 use crate::display::DisplayError;
+use crate::sky_source::SkyFault;
 use relume_firmware::patches::PatchSet;
 use std::cell::RefCell;
 use std::rc::Rc;

@@ -133,7 +133,7 @@ impl CapturedSky {
             let newest = self.frames.iter().map(|frame| frame.captured_at_s).fold(0.0, f64::max);
             let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).ok()?;
             let age = std::time::Duration::try_from_secs_f64(now.as_secs_f64() - newest).ok()?;
-            return Instant::now().checked_sub(age.min(LONGEST_AGE));
+            return Instant::now().checked_sub(age).filter(|_| age < LONGEST_AGE);
         }
         None
     }

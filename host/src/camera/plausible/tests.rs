@@ -120,3 +120,22 @@ fn noise_is_told_from_pictures_and_from_the_dark() {
         dark.frame(&mut Frame::default()).unwrap();
     }
 }
+
+#[test]
+fn noise_is_noise_though_pixels_share_chroma() {
+    let mut state = 1u64;
+    let mut byte = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 56) as f64
+    };
+    let mut frame = Frame::default();
+    for pair in frame.codes_u8(320, 320).chunks_exact_mut(6) {
+        let (u, v) = (byte() - 128.0, byte() - 128.0);
+        // BT.601, limited range: green of two pixels with one chroma, as in YUYV.
+        for pixel in pair.chunks_exact_mut(3) {
+            pixel[1] = (1.164 * (byte() - 16.0) - 0.391 * u - 0.813 * v).clamp(0.0, 255.0) as u8;
+        }
+    }
+    let look = look(&frame);
+    assert!(look.roughness > NOISE_RATIO && look.deviation > NOISE_DEVIATION, "{look:?}");
+}

@@ -1,0 +1,80 @@
+//! What the machine under a post must have: a camera that answers, room, and no fever.
+
+use super::Table;
+use crate::config::Config;
+use rustix::fs::statvfs;
+use std::fs;
+use std::path::Path;
+
+/// Less room than this for the state and screenshots is worth a word, bytes.
+const LITTLE_ROOM: u64 = 50 << 20;
+/// Boards slow down from about here, degrees Celsius.
+const HOT_C: f64 = 80.0;
+
+/// Room where the state is written.
+pub(super) fn disk(config: &Config, table: &mut Table) {
+    let folder = config.health.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
+    let room = statvfs(folder).map(|disk| disk.f_bavail * disk.f_frsize);
+    let words = room.map_err(|error| format!("{}: {error}", folder.display())).and_then(|room| {
+        let words = format!("{} MB free in {}", room >> 20, folder.display());
+        if room < LITTLE_ROOM {
+            Err(format!("{words}; make room, or the state cannot be told"))
+        } else {
+            Ok(((), words))
+        }
+    });
+    table.add("disk", words);
+}
+
+/// The hottest sensor, where there is one.
+pub(super) fn heat(table: &mut Table) {
+    let zones = fs::read_dir("/sys/class/thermal").into_iter().flatten().flatten();
+    let degrees = zones.filter_map(|zone| {
+        let milli: f64 = fs::read_to_string(zone.path().join("temp")).ok()?.trim().parse().ok()?;
+        Some(milli / 1000.0)
+    });
+    let Some(hottest) = degrees.reduce(f64::max) else { return };
+    let words = format!("{hottest:.0} degrees Celsius");
+    let found =
+        if hottest >= HOT_C { Err(format!("{words}: too hot; give the board air or shade")) } else { Ok(((), words)) };
+    table.add("heat", found);
+}
+
+/// Opens the camera, measures its delay and its pace.
+#[cfg(feature = "board")]
+pub(super) fn camera(config: &Config, table: &mut Table) {
+    use crate::camera::v4l2::V4l2Camera;
+    let settings = crate::sky_source::captured::v4l2_settings(config);
+    let opened = settings.and_then(|settings| {
+        let mut camera = V4l2Camera::open(&settings)?;
+        let delay = camera.measure_delay()?;
+        let layout = *camera.layout();
+        let format = String::from_utf8_lossy(&camera.fourcc()).into_owned();
+        let words = format!("{}: {format} {}x{}", camera.path(), layout.width, layout.height);
+        Ok(((camera, delay), words))
+    });
+    let Some((mut camera, delay)) = table.add("camera", opened.map_err(|error| format!("{error:#}"))) else { return };
+    let shows = format!("a new exposure shows after {} frames", delay.settled_frames);
+    let words = if delay.measured { shows } else { format!("{shows}, a guess: too dark or too bright to measure") };
+    table.add("delay", Ok::<_, String>(((), words)));
+    table.add("frames", pace(&mut camera).map(|words| ((), words)));
+    for note in camera.notes() {
+        table.add("controls", Ok::<_, String>(((), note.clone())));
+    }
+}
+
+/// Frames per second over twenty of them.
+#[cfg(feature = "board")]
+fn pace(camera: &mut crate::camera::v4l2::V4l2Camera) -> Result<String, String> {
+    use crate::camera::{Camera, Frame};
+    const FRAMES: u32 = 20;
+    let mut frame = Frame::default();
+    let mut next = || camera.frame(&mut frame).map_err(|error| error.to_string());
+    next()?;
+    let begun = std::time::Instant::now();
+    for _ in 0..FRAMES {
+        next()?;
+    }
+    let rate = f64::from(FRAMES) / begun.elapsed().as_secs_f64();
+    Ok(format!("{rate:.1} a second; {} missing, {} damaged", camera.counters().missing, camera.counters().damaged))
+}

@@ -1,0 +1,85 @@
+//! New light: taken from the sky, relit at an exposure that suits it, logged.
+
+use super::Post;
+use crate::clock::Moment;
+use crate::failure::Failure;
+use crate::health::WeightsState;
+use crate::lightlog::LoggedLight;
+use crate::sky_source::SkyFault;
+
+impl Post<'_> {
+    /// Asks the sky for new weights and keeps the old ones if there are none. True when there will be no more.
+    pub(super) fn look(&mut self, moment: Moment) -> bool {
+        match self.parts.sky.read(moment, &mut self.next) {
+            Ok(false) => {}
+            Ok(true) => {
+                std::mem::swap(&mut self.held, &mut self.next);
+                self.held_since_unix_s = Some(moment.unix_s);
+                self.weights = WeightsState::Fresh;
+                self.is_new = true;
+            }
+            Err(SkyFault::Ended) => return true,
+            Err(SkyFault::Failed(reason)) => {
+                self.sky_faults += 1;
+                self.last_fault = Some(reason);
+                if self.weights == WeightsState::Fresh {
+                    self.weights = WeightsState::Held;
+                }
+            }
+        }
+        false
+    }
+
+    /// New weights to the painter, with the exposure in use, and once more where they ask for another; logged light with the
+    /// exposures it was relit with. Weights that do not fit are a fault of the sky: the picture stays.
+    pub(super) fn relight(&mut self, moment: Moment) {
+        let (mut used, mut passes) = ([0.0; 2], 0);
+        while let Some(exposure) = self.next_exposure(passes) {
+            match self.parts.painter.relight(&self.held.weights, exposure) {
+                Ok(note) => self.note = note,
+                Err(error) => return self.refuse(error),
+            }
+            used[passes] = exposure;
+            passes += 1;
+        }
+        self.log(moment, &used[..passes]);
+    }
+
+    /// The exposure of a pass over new weights; `None` when they are done.
+    fn next_exposure(&mut self, pass: usize) -> Option<f32> {
+        match pass {
+            2.. => None,
+            _ if !self.held.exposures.is_empty() => self.held.exposures.get(pass).copied(),
+            0 => Some(self.exposure.factor()),
+            _ => {
+                let changes = self.exposure.is_auto() && self.exposure.see(self.parts.painter.wanted_exposure());
+                self.exposure_changes += u64::from(changes);
+                changes.then(|| self.exposure.factor())
+            }
+        }
+    }
+
+    /// Weights that do not fit.
+    fn refuse(&mut self, error: anyhow::Error) {
+        self.sky_faults += 1;
+        self.last_fault = Some(Failure::Runtime(error).to_string());
+        self.weights = WeightsState::Held;
+    }
+
+    /// Notes the light in the log, if there is one. A full disk ends the log, not the picture.
+    fn log(&mut self, moment: Moment, exposures: &[f32]) {
+        let Some(log) = &mut self.light_log else { return };
+        let weights = &self.held.weights;
+        let light = LoggedLight {
+            frame: self.frames,
+            unix_s: moment.unix_s,
+            exposures: exposures.to_vec(),
+            radiance: weights.radiance.clone(),
+            sun: weights.sun.map(|sun| (self.parts.painter.sun_dir_world().unwrap_or(sun.dir_world), sun.irradiance)),
+        };
+        if let Err(error) = log.add(&light) {
+            eprintln!("{error}");
+            self.light_log = None;
+        }
+    }
+}
