@@ -20,6 +20,7 @@ pub mod sky_source;
 pub mod skymodel;
 pub mod sun;
 pub mod view;
+pub mod watchdog;
 pub use relume_firmware::glue::{failure, map, outfile, split, weights};
 pub mod bracket;
 pub mod camera;

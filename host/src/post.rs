@@ -14,6 +14,7 @@ use crate::picture::write_png;
 use crate::relight::FrameCounters;
 use crate::sky_source::{SkyReading, SkySource, SunSource};
 use crate::sun::{SunPosition, format_utc, position_of};
+use crate::watchdog::Watchdog;
 use crate::weights::PatchWeights;
 use relume_firmware::field::CameraRecord;
 use serde::Serialize;
@@ -79,6 +80,7 @@ pub struct Post<'p> {
     is_new: bool,
     latency: Latency,
     light_log: Option<LightLog>,
+    watchdog: Option<Watchdog>,
     held_since_unix_s: Option<f64>,
     weights: WeightsState,
     health_file: PathBuf,
@@ -140,6 +142,7 @@ impl<'p> Post<'p> {
             is_new: true,
             latency: Latency::default(),
             light_log: None,
+            watchdog: None,
             held_since_unix_s: None,
             weights: WeightsState::StandIn,
             health_file: config.health.clone(),
@@ -168,6 +171,11 @@ impl<'p> Post<'p> {
         self.light_log = Some(log);
     }
 
+    /// Tells the service manager that frames are presented.
+    pub fn feed(&mut self, watchdog: Watchdog) {
+        self.watchdog = Some(watchdog);
+    }
+
     /// Runs until a limit is reached, the sky source has ended, or it is told to stop.
     ///
     /// # Errors
@@ -184,12 +192,14 @@ impl<'p> Post<'p> {
                 break ("replay ended", moment);
             }
             self.show(moment)?;
+            self.watchdog.iter_mut().for_each(Watchdog::frame);
             self.tell(moment, false);
             if told.picture.swap(false, Ordering::Relaxed) {
                 self.take_picture();
             }
             self.parts.clock.wait_for(self.frames, &told.stop);
         };
+        self.watchdog.iter_mut().for_each(Watchdog::stopping);
         self.tell(moment, true);
         Ok(PostReport {
             frames: self.frames,

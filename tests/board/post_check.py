@@ -83,6 +83,11 @@ class PostCheck(Findings):
         except FileNotFoundError:
             return {}
 
+    def shown_sun_x(self):
+        """How far east the sun stands whose light was logged last; 1 without a sun."""
+        sun = json.loads((self.board.out / "light.jsonl").read_text().splitlines()[-1])["sun"]
+        return sun[0][0] if sun else 1
+
     def until(self, *words):
         """Waits until the state has one of `words`, and two more frames; seconds that took."""
         begun, frames = time.monotonic(), self.health().get("frames", 0)
@@ -123,7 +128,7 @@ class PostCheck(Findings):
         self.take("morning")
         self.order(f"date -u -s '{EVENING.replace('T', ' ')}'; usbcam ctl time {EVENING}Z")
         self.board.until(lambda: self.health()["exposure_ev"] > morning["exposure_ev"] + 0.5, PATIENCE_S, "a longer exposure")
-        time.sleep(2)
+        self.board.until(lambda: self.shown_sun_x() < 0, PATIENCE_S, "shadows that fall eastwards")
         self.until("ok")
         self.take("evening")
         evening = self.health()

@@ -127,8 +127,8 @@ impl Method for Relume<'_> {
     fn warm_up(&mut self, skies: &[BenchSky]) -> anyhow::Result<()> {
         // Every copy meets every sky: its sun is traced, and its memory for patches apart is there.
         let copies = self.shared.borrow().relighters.len();
-        let turns = skies.iter().flat_map(|sky| std::iter::repeat_n(sky, copies));
-        turns.map(|sky| self.frame(sky)).collect()
+        let mut turns = skies.iter().flat_map(|sky| std::iter::repeat_n(sky, copies));
+        turns.try_for_each(|sky| self.frame(sky))
     }
 
     fn frame(&mut self, sky: &BenchSky) -> anyhow::Result<()> {

@@ -18,6 +18,7 @@ use crate::sky_source::live::LiveSky;
 use crate::sky_source::logged::LoggedSky;
 use crate::sky_source::simulated::SimulatedSky;
 use crate::view::Still;
+use crate::watchdog::Watchdog;
 use relume_firmware::field::Field;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -111,6 +112,9 @@ fn run(config: &Config, setup: bool, signals: &Signals) -> Result<PostReport, Fa
     let mut post = Post::new(config, parts);
     if let Some(path) = &config.light_log {
         post.log_light(LightLog::create(path).or_bad()?);
+    }
+    if let Some(watchdog) = Watchdog::of_this_service() {
+        post.feed(watchdog);
     }
     if setup {
         post.set_up(field.camera());
