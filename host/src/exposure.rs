@@ -25,7 +25,12 @@ pub enum ExposureMode {
 pub fn automatic(rgb: &[[f32; 3]], alpha: &[f32]) -> Option<f64> {
     let covered = rgb.iter().zip(alpha).filter(|(_, a)| **a > 0.0);
     let mut values: Vec<f32> = covered.flat_map(|(pixel, _)| *pixel).filter(|v| v.is_finite()).collect();
-    let bright = percentile(&mut values, 0.99)?;
+    automatic_of(&mut values)
+}
+
+/// The same of channel values that were chosen before; their order changes.
+pub fn automatic_of(values: &mut [f32]) -> Option<f64> {
+    let bright = percentile(values, 0.99)?;
     (bright > 0.0).then(|| (TARGET / bright).clamp(2f64.powf(*EV_RANGE.start()), 2f64.powf(*EV_RANGE.end())))
 }
 

@@ -51,6 +51,8 @@ pub struct Relighter<'f> {
     /// One thread: frames run on the caller's, without handing over.
     alone: bool,
     levels: Levels,
+    /// The newest weights at the exposure that they are read at; none before the first reading.
+    reading: Option<Box<Levels>>,
     given: PatchWeights,
     exposure: f32,
     sun: SunPlane,
@@ -107,6 +109,7 @@ impl<'f> Relighter<'f> {
             alone: threads == 1 || pool.is_none(),
             pool,
             levels: Levels::new(&field, kernel),
+            reading: None,
             given: PatchWeights { radiance: vec![[0.0; 3]; patches], sun: None },
             exposure: 1.0,
             sun: SunPlane::new(&field),

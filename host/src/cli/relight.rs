@@ -219,7 +219,7 @@ fn write_shown(options: &Options, field: Field<'_>, weights: &PatchWeights) -> R
     let mut exposure = fixed.unwrap_or(1.0);
     let mut note = painter.relight(weights, exposure as f32).or_bad()?;
     if fixed.is_none() {
-        exposure = painter.wanted_exposure().unwrap_or(1.0);
+        exposure = painter.exact_exposure().unwrap_or(1.0);
         note = painter.relight(weights, exposure as f32).or_bad()?;
     }
     painter.draw(&mut Damage::none(0, 0)).or_runtime()?;

@@ -2,7 +2,7 @@
 
 use super::Painter;
 use crate::damage::Damage;
-use crate::exposure::automatic;
+use crate::exposure::{automatic, automatic_of};
 use crate::relight::{Budget, BudgetError, FrameCounters, Framebuffer, Relighter, View};
 use crate::sun::{dir_world, position_of};
 use crate::sunband::nearest;
@@ -11,12 +11,17 @@ use crate::weights::{PatchWeights, SunWeight};
 use relume_firmware::field::Field;
 use relume_firmware::patches::PatchSet;
 
+/// Tiles that the running exposure looks at: enough for a hundredth of its steps.
+const EXPOSURE_TILES: usize = 128;
+
 /// A field over a still view.
 pub struct FieldPainter<'f> {
     field: Field<'f>,
     relighter: Relighter<'f>,
     view: View,
     framebuffer: Framebuffer,
+    /// Channel values that the exposure is chosen by, reused.
+    sampled: Vec<f32>,
 }
 
 impl<'f> FieldPainter<'f> {
@@ -27,6 +32,7 @@ impl<'f> FieldPainter<'f> {
             relighter: Relighter::new(field, threads),
             view: View::new(width, height, view.pixels_bgrx),
             framebuffer: Framebuffer::new(width, height),
+            sampled: Vec::new(),
             field,
         }
     }
@@ -37,6 +43,14 @@ impl<'f> FieldPainter<'f> {
     /// [`BudgetError`], if no frame of this field can.
     pub fn set_budget(&mut self, budget: Budget) -> Result<(), BudgetError> {
         self.relighter.set_budget(budget)
+    }
+}
+
+impl FieldPainter<'_> {
+    /// The exposure that the whole picture asks for ([`automatic`]), not a sample of it.
+    pub fn exact_exposure(&mut self) -> Option<f64> {
+        let picture = self.relighter.radiance();
+        automatic(&picture.rgb, &picture.alpha)
     }
 }
 
@@ -101,8 +115,8 @@ impl Painter for FieldPainter<'_> {
     }
 
     fn wanted_exposure(&mut self) -> Option<f64> {
-        let picture = self.relighter.radiance();
-        automatic(&picture.rgb, &picture.alpha)
+        self.relighter.sample_radiance(EXPOSURE_TILES, &mut self.sampled);
+        automatic_of(&mut self.sampled)
     }
 
     fn draw(&mut self, damage: &mut Damage) -> anyhow::Result<FrameCounters> {
