@@ -10,12 +10,10 @@ use relume_tests::skip::skip;
 use std::path::Path;
 use std::process::Command;
 
-const SIZE: (usize, usize) = (640, 480);
-
-/// The pixels of a screendump (PPM).
-fn read_ppm(path: &Path) -> Vec<u8> {
+/// The pixels of a screendump (PPM) of this size, such as `640x480`.
+fn read_ppm(path: &Path, size: &str) -> Vec<u8> {
     let bytes = std::fs::read(path).unwrap();
-    let header = format!("P6\n{} {}\n255\n", SIZE.0, SIZE.1);
+    let header = format!("P6\n{}\n255\n", size.replace('x', " "));
     assert!(bytes.starts_with(header.as_bytes()), "{}: {:?}", path.display(), &bytes[..16]);
     bytes[header.len()..].to_vec()
 }
@@ -42,27 +40,37 @@ fn shown_again(folder: &Path, name: &str) -> [Vec<u8>; 2] {
     [read(1), read(2)]
 }
 
-#[test]
-#[ignore = "boots a virtual board; tests/run runs it"]
-fn a_post_on_the_board_shows_what_the_bench_shows_and_outlives_every_fault() {
+/// Runs the scenario with a picture of this size and compares what the screen showed.
+fn on_the_board(size: &str, more: &[&str]) {
     let Some(programs) = std::env::var_os("RELUME_BOARD_PROGRAMS") else {
         return skip("the virtual board", "set RELUME_BOARD_PROGRAMS to a folder with relume and usbcam for arm64");
     };
-    let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "board");
+    let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), &format!("board-{size}"));
     write_courtyard(&folder);
-    let size = format!("{}x{}", SIZE.0, SIZE.1);
-    let args = ["scene", "scene.glb", "--camera", "camera.json", "--size", &size, "--directions", "64"];
+    let args = ["scene", "scene.glb", "--camera", "camera.json", "--size", size, "--directions", "64"];
     bake_in(&folder, &[&args[..], &["--max-hits", "2", "-o", "a.field"]].concat()).well();
     let check = concat!(env!("CARGO_MANIFEST_DIR"), "/board/post_check.py");
-    let status = Command::new("python3").arg(check).arg(&folder).arg(programs).status().unwrap();
+    let status = Command::new("python3").arg(check).arg(&folder).arg(programs).arg(size).args(more).status().unwrap();
     assert!(status.success(), "see the findings above");
     for name in ["morning", "evening"] {
-        let screen = read_ppm(&folder.join(format!("out/{name}.ppm")));
+        let screen = read_ppm(&folder.join(format!("out/{name}.ppm")), size);
         let differing = shown_again(&folder, name).map(|picture| {
             let pixels = screen.chunks_exact(3).zip(picture.chunks_exact(3));
             pixels.filter(|(shown, made)| shown != made).count()
         });
-        eprintln!("{name}: {differing:?} pixels differ from the pictures of the last light and the one before");
-        assert!(differing.contains(&0), "{name}: {differing:?} pixels differ");
+        eprintln!("{size} {name}: {differing:?} pixels differ from the pictures of the last light and the one before");
+        assert!(differing.contains(&0), "{size} {name}: {differing:?} pixels differ");
     }
+}
+
+#[test]
+#[ignore = "boots a virtual board; tests/run runs it"]
+fn a_post_on_the_board_shows_what_the_bench_shows_and_outlives_every_fault() {
+    on_the_board("640x480", &[]);
+}
+
+#[test]
+#[ignore = "bakes large pictures for a virtual board"]
+fn larger_pictures_on_the_board_are_those_of_the_bench() {
+    ["1280x720", "1920x1080"].iter().for_each(|size| on_the_board(size, &["--pictures"]));
 }

@@ -178,7 +178,8 @@ fn a_full_size_field_equals_its_stack_under_fetched_skies() {
         .collect();
     errors.sort_by(f64::total_cmp);
     let (median, worst) = (errors[errors.len() / 2], errors[errors.len() - 1]);
-    assert!(median <= 0.003 && worst <= 0.0045, "relative RMSE {median} median, {worst} worst");
+    eprintln!("fetched skies: relative RMSE {:.3} % median, {:.3} % worst", 100.0 * median, 100.0 * worst);
+    assert!(median <= 0.0035 && worst <= 0.005, "relative RMSE {median} median, {worst} worst");
 }
 
 /// Relative RMSE and the share of values off by more than one code; bias and relative RMSE over blocks.

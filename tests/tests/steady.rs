@@ -126,6 +126,10 @@ fn frames_of_a_drifting_sky_allocate_nothing() {
     // The first hundred warm up. The state is written once a second, which allocates and is no part of a frame.
     let steady = &counts[100..];
     let busy = steady.iter().filter(|&&count| count > 0).count();
-    eprintln!("{} frames, {busy} with allocations: {:?}", steady.len(), steady.iter().filter(|&&c| c > 0).collect::<Vec<_>>());
+    eprintln!(
+        "{} frames, {busy} with allocations: {:?}",
+        steady.len(),
+        steady.iter().filter(|&&c| c > 0).collect::<Vec<_>>()
+    );
     assert!(busy <= 3, "{busy} of {} frames allocate: {steady:?}", steady.len());
 }

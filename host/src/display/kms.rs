@@ -142,15 +142,31 @@ fn refusal(node: &Path, error: &io::Error) -> String {
     let node = node.display();
     match error.raw_os_error().map(Errno::from_raw_os_error) {
         Some(Errno::NODEV | Errno::NXIO | Errno::NOENT) => format!("{node} is not there"),
-        Some(Errno::BUSY | Errno::ACCESS | Errno::PERM | Errno::INVAL) if is_mastered(error) => format!(
-            "{node} may not be used: another program shows on it (a desktop?), or this user is not in the group video"
-        ),
+        Some(Errno::BUSY) => format!("{node} may not be used: another program shows on it; stop it (a desktop?)"),
+        Some(Errno::ACCESS | Errno::PERM) => format!("{node} may not be used; add this user to the group video"),
         _ if error.kind() == io::ErrorKind::TimedOut => format!("{node} does not flip"),
         _ => format!("{node}: {error}"),
     }
 }
 
-/// Does the error say that somebody else is the card's master, or that we may not?
-fn is_mastered(error: &io::Error) -> bool {
-    !matches!(error.raw_os_error().map(rustix::io::Errno::from_raw_os_error), Some(rustix::io::Errno::INVAL))
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rustix::io::Errno;
+
+    #[test]
+    fn a_card_that_refuses_says_what_to_do() {
+        let told = |errno: Errno| refusal(Path::new("/dev/dri/card0"), &errno.into());
+        assert_eq!(told(Errno::NODEV), "/dev/dri/card0 is not there");
+        assert!(told(Errno::BUSY).contains("another program shows on it"));
+        assert!(told(Errno::ACCESS).contains("group video"));
+        assert!(refusal(Path::new("a"), &io::ErrorKind::TimedOut.into()).contains("does not flip"));
+    }
+
+    #[test]
+    fn a_card_that_is_not_there_is_no_display() {
+        let config = KmsConfig { card: Some("/dev/dri/card99".into()), ..KmsConfig::default() };
+        let refused = Kms::open(&config, (640, 480)).err().map(|error| error.to_string());
+        assert_eq!(refused.as_deref(), Some("display: /dev/dri/card99 is not there"));
+    }
 }
