@@ -120,10 +120,13 @@ pub struct Times {
     pub has_sun: Vec<bool>,
 }
 
+/// Untimed frames before a timed one. A dense sum reads so much that the caches have settled only after two of them.
+const UNTIMED: usize = 3;
+
 /// How frames follow each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Turn {
-    /// Before each timed frame the method makes an untimed one under another sky, so that the caches hold what it left
+    /// Before each timed frame the method makes [`UNTIMED`] ones under other skies, so that the caches hold what it left
     /// there itself and not what another method did.
     FrameAfterFrame,
     /// Nothing is left in the caches.
@@ -148,7 +151,7 @@ pub fn time(
         for index in order(methods.len(), round) {
             let (method, times) = (&mut methods[index], &mut times[index]);
             if turn == Turn::FrameAfterFrame {
-                method.frame(&skies[(round + 1) % skies.len()])?;
+                (1..=UNTIMED).rev().try_for_each(|ahead| method.frame(&skies[(round + ahead) % skies.len()]))?;
             }
             let scale = method.sample().map_or(1.0, |sample| sample.scale);
             let (start, wall) = (cpu_s(), Instant::now());
