@@ -103,3 +103,24 @@ fn a_post_ends_when_told_to() {
     assert!(asked.elapsed() < Duration::from_secs(10), "took {:?} to end", asked.elapsed());
     assert!(first.exists());
 }
+
+#[test]
+fn logged_light_makes_the_same_pictures_again() {
+    let run = "[run]\nstart = 2026-06-21T03:00:00Z\nstep_s = 5400\nframes = 6\n";
+    let first = post("logging", "simulated", &format!("{run}light_log = 'light.jsonl'\n"));
+    relume_in(field(), &["run", &first]).well();
+    let again = "title = 'The yard'\nfield = 'a.field'\nview = 'view.png'\nsky = 'logged'\n[camera]\nlight_log = 'light.jsonl'\n\
+                 [display]\nkind = 'headless'\nfolder = 'again'\n[run]\nstart = 2026-06-21T03:00:00Z\n";
+    put(&field().join("again.toml"), again);
+    relume_in(field(), &["run", "again.toml"]).well();
+    for k in 0..6 {
+        let [first, again] = ["logging", "again"]
+            .map(|folder| image::open(field().join(folder).join(format!("frame_{k:06}.png"))).unwrap().into_rgb8());
+        assert!(first == again, "frame {k}");
+    }
+    // Half a log is a fault of the sky that is told, not the end of the post.
+    let log = std::fs::read_to_string(field().join("light.jsonl")).unwrap();
+    put(&field().join("light.jsonl"), &log[..log.len() - 40]);
+    let told = relume_in(field(), &["run", "again.toml", "--json"]).well();
+    assert!(told.stderr.contains("light.jsonl: line 6: not a light"), "{}", told.stderr);
+}
