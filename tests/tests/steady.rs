@@ -19,6 +19,7 @@ use relume_tests::scene::write_courtyard;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
+use std::time::Instant;
 
 /// The system's allocator, which counts what this thread asks of it.
 struct Counting;
@@ -89,7 +90,10 @@ impl Display for Watching {
     }
 }
 
-const FRAMES: usize = 400;
+/// Frames; more by `RELUME_STEADY_FRAMES`.
+fn frames() -> usize {
+    std::env::var("RELUME_STEADY_FRAMES").ok().and_then(|frames| frames.parse().ok()).unwrap_or(400)
+}
 
 #[test]
 fn frames_of_a_drifting_sky_allocate_nothing() {
@@ -99,7 +103,7 @@ fn frames_of_a_drifting_sky_allocate_nothing() {
     bake_in(&folder, &[&args[..], &["-o", "a.field"]].concat()).well();
     let post = "title = 'The yard'\nfield = 'a.field'\nsky = 'replay'\n[camera]\nframes = 'f'\nlens = 'l'\n\
                 [display]\nkind = 'headless'\nfolder = '.'\n";
-    let text = format!("{post}[run]\nstart = 2026-06-21T04:00:00Z\nstep_s = 0.03\nframes = {FRAMES}\n");
+    let text = format!("{post}[run]\nstart = 2026-06-21T04:00:00Z\nstep_s = 0.03\nframes = {}\n", frames());
     put(&folder.join("POST.toml"), text);
     let config = Config::load(&folder.join("POST.toml")).unwrap();
     let file = FieldFile::open(&config.field).unwrap();
@@ -109,7 +113,7 @@ fn frames_of_a_drifting_sky_allocate_nothing() {
     painter.relight(&even, 1.0).unwrap();
     let (exact, sampled) = (painter.exact_exposure(), painter.wanted_exposure());
     assert!(exact.is_some() && exact == sampled, "a small picture is looked at as a whole: {exact:?}, {sampled:?}");
-    let counts = Rc::new(RefCell::new(Vec::with_capacity(FRAMES)));
+    let counts = Rc::new(RefCell::new(Vec::with_capacity(frames())));
     let parts = Parts {
         sky: Box::new(Drifting(0)),
         painter: Box::new(painter),
@@ -119,17 +123,15 @@ fn frames_of_a_drifting_sky_allocate_nothing() {
             None,
         ),
     };
+    let begun = Instant::now();
     let report = Post::new(&config, parts).run(&Signals::default()).unwrap();
-    assert!(report.frames_changed > FRAMES as u64 / 2, "the sky drifts: {}", report.frames_changed);
+    assert!(report.frames_changed > frames() as u64 / 2, "the sky drifts: {}", report.frames_changed);
     let counts = counts.borrow();
     assert!(counts[0] > 0, "the first frame makes room; the counter counts");
-    // The first hundred warm up. The state is written once a second, which allocates and is no part of a frame.
+    // The first hundred warm up. Once a second the state is put in words for the labels, and written: both allocate.
     let steady = &counts[100..];
     let busy = steady.iter().filter(|&&count| count > 0).count();
-    eprintln!(
-        "{} frames, {busy} with allocations: {:?}",
-        steady.len(),
-        steady.iter().filter(|&&c| c > 0).collect::<Vec<_>>()
-    );
-    assert!(busy <= 3, "{busy} of {} frames allocate: {steady:?}", steady.len());
+    let seconds = begun.elapsed().as_secs() as usize;
+    eprintln!("{} frames in {seconds} s, {busy} with allocations", steady.len());
+    assert!(busy <= 3 + 2 * seconds, "{busy} of {} frames in {seconds} s allocate", steady.len());
 }
