@@ -108,10 +108,14 @@ impl Labels {
         let under = ViewPixels { pixels_xrgb: clean, stride: width };
         let areas = self.overlay.areas(&labels);
         for (k, area) in areas.into_iter().enumerate() {
+            let has_moved = area != self.areas[k];
             let area = both(self.areas[k], area);
             let (rows, columns) = ranges(&area);
             if self.stale[k] || damage.touches(rows.clone(), columns.clone()) {
-                self.overlay.restore(under, &mut surface, &area);
+                // Drawing covers its own area; what it has left must be put right.
+                if has_moved {
+                    self.overlay.restore(under, &mut surface, &area);
+                }
                 self.overlay.draw(&labels, under, &mut surface, &area);
                 damage.mark_area(rows, columns);
             }

@@ -70,8 +70,6 @@ pub struct Post<'p> {
     exposure: ExposureControl,
     limits: Limits,
     labels: Labels,
-    labelled: Option<Vital>,
-    labelled_at: Instant,
     shown: Vec<u32>,
     damage: Damage,
     held: SkyReading,
@@ -86,6 +84,8 @@ pub struct Post<'p> {
     health_file: PathBuf,
     told: Option<Vital>,
     told_state: String,
+    /// Is the state to be told with this frame?
+    is_due: bool,
     told_at: Instant,
     last_fault: Option<String>,
     note: Option<String>,
@@ -133,8 +133,6 @@ impl<'p> Post<'p> {
             exposure: ExposureControl::new(config.exposure),
             limits: config.limits,
             labels: Labels::new(config, parts.painter.size()),
-            labelled: None,
-            labelled_at: Instant::now(),
             shown: vec![0; parts.painter.size().0 * parts.painter.size().1],
             damage: Damage::whole(parts.painter.size().0, parts.painter.size().1),
             held: even_sky(parts.painter.patch_set().len()),
@@ -148,6 +146,7 @@ impl<'p> Post<'p> {
             health_file: config.health.clone(),
             told: None,
             told_state: String::new(),
+            is_due: true,
             told_at: Instant::now(),
             last_fault: None,
             note: None,
@@ -257,13 +256,12 @@ impl<'p> Post<'p> {
 
     /// Draws the labels that have changed, and those over which the picture was copied.
     fn label(&mut self, moment: Moment) -> Result<(), Failure> {
-        let vital = self.vital(moment);
-        if self.labelled != Some(vital) || self.labelled_at.elapsed() >= HEALTH_INTERVAL {
+        self.is_due = self.told != Some(self.vital(moment)) || self.told_at.elapsed() >= HEALTH_INTERVAL;
+        if self.is_due {
             let held = self.held_since_unix_s.filter(|_| self.weights == WeightsState::Held);
             let held_s = held.map(|since| moment.unix_s - since);
             let (state, sun) = (self.state(moment), self.sun());
             self.labels.tell(&News { moment, state: &state, held_s, sun });
-            (self.labelled, self.labelled_at) = (Some(vital), Instant::now());
         }
         self.labels.draw(self.parts.painter.pixels_bgrx(), &mut self.shown, &mut self.damage).or_runtime()
     }
@@ -285,11 +283,11 @@ impl<'p> Post<'p> {
 
     /// Writes the state when it changed, from time to time, and at the end. A full disk must not stop the picture.
     fn tell(&mut self, moment: Moment, last: bool) {
-        let vital = self.vital(moment);
-        let changed = self.told != Some(vital);
-        if !changed && !last && self.told_at.elapsed() < HEALTH_INTERVAL {
+        if !self.is_due && !last {
             return;
         }
+        let vital = self.vital(moment);
+        let changed = self.told != Some(vital);
         let health = self.health(moment);
         if self.told_state != health.state {
             eprintln!("{} {}", health.time_utc, health.state);

@@ -128,7 +128,8 @@ fn frames_of_a_drifting_sky_allocate_nothing() {
     assert!(report.frames_changed > frames() as u64 / 2, "the sky drifts: {}", report.frames_changed);
     let counts = counts.borrow();
     assert!(counts[0] > 0, "the first frame makes room; the counter counts");
-    // The first hundred warm up. Once a second the state is put in words for the labels, and written: both allocate.
+    // The first hundred warm up. Once a second the state is put in words for the labels before a frame is presented, and
+    // written after that: both allocate.
     let steady = &counts[100..];
     let busy = steady.iter().filter(|&&count| count > 0).count();
     let seconds = begun.elapsed().as_secs() as usize;

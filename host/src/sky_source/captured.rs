@@ -2,14 +2,8 @@
 
 use super::{SkyFault, SkyReading, SkySource, SunSource};
 use crate::bracket::{MergeSettings, Merged, Merger, Planner};
-#[cfg(feature = "board")]
-use crate::camera::plausible::Plausible;
-#[cfg(feature = "board")]
-use crate::camera::reopen::{Patience, Reopening};
 use crate::camera::replay::ReplayCamera;
 use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
-#[cfg(feature = "board")]
-use crate::camera::v4l2::{GainModel, V4l2Camera, V4l2Settings};
 use crate::camera::{Camera, CameraError, Exposure, Frame, take_series};
 use crate::capture::{self, Capture, CaptureSettings};
 use crate::clock::Moment;
@@ -23,7 +17,6 @@ use std::time::Instant;
 /// Exposures of one series.
 const SERIES: usize = 4;
 /// Stamps further back than this are a clock's that has jumped.
-#[cfg(feature = "board")]
 const LONGEST_AGE: std::time::Duration = std::time::Duration::from_secs(60);
 /// Series that a camera may take until its exposures fit the light.
 const ATTEMPTS: usize = 5;
@@ -31,7 +24,6 @@ const ATTEMPTS: usize = 5;
 enum Device {
     Synthetic(Box<SyntheticCamera>),
     Replay(ReplayCamera, Vec<Exposure>),
-    #[cfg(feature = "board")]
     Live(Box<dyn Camera>),
 }
 
@@ -62,11 +54,26 @@ impl CapturedSky {
     /// # Errors
     /// What is wrong with those files, in one line.
     pub fn open(config: &Config, patches: PatchSet, north_deg: f64) -> anyhow::Result<Self> {
-        let device = open_device(config, north_deg)?;
+        Self::with_device(open_device(config, north_deg)?, config, patches, north_deg)
+    }
+
+    /// The same with a real camera that is open, whose lens the post's file names.
+    ///
+    /// # Errors
+    /// What is wrong with lens and response, in one line.
+    pub fn with_camera(
+        camera: Box<dyn Camera>,
+        config: &Config,
+        patches: PatchSet,
+        north_deg: f64,
+    ) -> anyhow::Result<Self> {
+        Self::with_device(Device::Live(camera), config, patches, north_deg)
+    }
+
+    fn with_device(device: Device, config: &Config, patches: PatchSet, north_deg: f64) -> anyhow::Result<Self> {
         let (limits, lens, unit) = match &device {
             Device::Synthetic(camera) => (camera.limits(), Some(camera.lens().clone()), camera.radiance_scale()),
             Device::Replay(camera, _) => (camera.limits(), None, 1.0),
-            #[cfg(feature = "board")]
             Device::Live(camera) => (camera.limits(), None, 1.0),
         };
         let lens = match (&config.camera.lens, lens) {
@@ -101,7 +108,6 @@ impl CapturedSky {
                     take_series(camera.as_mut(), &planned, &mut self.frames)
                 }
                 Device::Replay(camera, series) => take_series(camera, series, &mut self.frames),
-                #[cfg(feature = "board")]
                 Device::Live(camera) => take_series(camera.as_mut(), &planned, &mut self.frames),
             };
             taken.map_err(fault)?;
@@ -119,7 +125,6 @@ impl CapturedSky {
 
     /// A real camera's light is shown as it comes, once there was any: better exposures follow with the next series.
     fn attempts(&self) -> usize {
-        #[cfg(feature = "board")]
         if matches!(self.device, Device::Live(_)) && !self.merged.radiance.is_empty() {
             return 1;
         }
@@ -128,7 +133,6 @@ impl CapturedSky {
 
     /// When the last frame was taken, by a camera whose frames are stamped with the system's clock.
     fn taken(&self) -> Option<Instant> {
-        #[cfg(feature = "board")]
         if matches!(self.device, Device::Live(_)) {
             let newest = self.frames.iter().map(|frame| frame.captured_at_s).fold(0.0, f64::max);
             let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).ok()?;
@@ -160,10 +164,6 @@ fn open_device(config: &Config, north_deg: f64) -> anyhow::Result<Device> {
         let series = camera.series();
         return Ok(Device::Replay(camera, series));
     }
-    #[cfg(feature = "board")]
-    if config.sky == SkyKind::Camera {
-        return open_live(config).map(Device::Live);
-    }
     let Some(site) = config.site else { anyhow::bail!("{}: [site] is missing", config.file.display()) };
     let lens = config.camera.lens.as_ref().map(|path| Lens::load(path)).transpose()?;
     let mut settings = SyntheticSettings {
@@ -177,33 +177,6 @@ fn open_device(config: &Config, north_deg: f64) -> anyhow::Result<Device> {
     }
     settings.lens = lens;
     Ok(Device::Synthetic(Box::new(SyntheticCamera::new(settings))))
-}
-
-/// A real camera that is opened again when it is lost, and whose pictures are looked at before they are used.
-#[cfg(feature = "board")]
-fn open_live(config: &Config) -> anyhow::Result<Box<dyn Camera>> {
-    let settings = v4l2_settings(config)?;
-    let camera = Reopening::open(V4l2Camera::opener(settings), Patience::default())?;
-    Ok(Box::new(Plausible::new(camera)))
-}
-
-/// What the post's file asks of a real camera.
-#[cfg(feature = "board")]
-pub fn v4l2_settings(config: &Config) -> anyhow::Result<V4l2Settings> {
-    let fourcc = config.camera.pixel_format.as_ref().map(|name| {
-        let name = format!("{name:<4}");
-        <[u8; 4]>::try_from(name.as_bytes()).map_err(|_| {
-            anyhow::anyhow!("{}: camera.pixel_format = \"{name}\": must be such as YUYV", config.file.display())
-        })
-    });
-    Ok(V4l2Settings {
-        device: config.camera.device.clone().unwrap_or_default(),
-        size: config.camera.size.map(|(width, height)| [width as u32, height as u32]),
-        fourcc: fourcc.transpose()?,
-        white_balance_k: config.camera.white_balance_k,
-        gain: config.camera.max_gain.map(GainModel::UpTo),
-        ..V4l2Settings::default()
-    })
 }
 
 /// The curve that the post's file names; a simulated camera knows its own; else the camera counts as linear.

@@ -2,6 +2,9 @@
 
 use super::captured::CapturedSky;
 use super::{SkyFault, SkyReading, SkySource};
+use crate::camera::plausible::Plausible;
+use crate::camera::reopen::{Patience, Reopening};
+use crate::camera::v4l2::{GainModel, V4l2Camera, V4l2Settings};
 use crate::clock::Moment;
 use crate::config::Config;
 use relume_firmware::patches::PatchSet;
@@ -22,18 +25,46 @@ impl LiveSky {
     /// A source that opens the camera of the post's file with its first reading.
     ///
     /// # Errors
-    /// What is wrong with the files of lens and response, in one line.
+    /// What is wrong with the files of lens and response or the pixel format, in one line.
     pub fn new(config: &Config, patches: PatchSet, north_deg: f64) -> anyhow::Result<Self> {
         CapturedSky::check_files(config)?;
+        v4l2_settings(config)?;
         Ok(LiveSky { config: config.clone(), patches, north_deg, camera: None })
     }
+}
+
+/// A real camera that is opened again when it is lost, and whose pictures are looked at before they are used.
+fn open(config: &Config, patches: PatchSet, north_deg: f64) -> anyhow::Result<CapturedSky> {
+    let camera = Reopening::open(V4l2Camera::opener(v4l2_settings(config)?), Patience::default())?;
+    CapturedSky::with_camera(Box::new(Plausible::new(camera)), config, patches, north_deg)
+}
+
+/// What the post's file asks of a real camera.
+///
+/// # Errors
+/// When its pixel format cannot be one.
+pub fn v4l2_settings(config: &Config) -> anyhow::Result<V4l2Settings> {
+    let fourcc = config.camera.pixel_format.as_ref().map(|name| {
+        let name = format!("{name:<4}");
+        <[u8; 4]>::try_from(name.as_bytes()).map_err(|_| {
+            anyhow::anyhow!("{}: camera.pixel_format = \"{name}\": must be such as YUYV", config.file.display())
+        })
+    });
+    Ok(V4l2Settings {
+        device: config.camera.device.clone().unwrap_or_default(),
+        size: config.camera.size.map(|(width, height)| [width as u32, height as u32]),
+        fourcc: fourcc.transpose()?,
+        white_balance_k: config.camera.white_balance_k,
+        gain: config.camera.max_gain.map(GainModel::UpTo),
+        ..V4l2Settings::default()
+    })
 }
 
 impl SkySource for LiveSky {
     fn read(&mut self, moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault> {
         let camera = match &mut self.camera {
             Some(camera) => camera,
-            none => match CapturedSky::open(&self.config, self.patches, self.north_deg) {
+            none => match open(&self.config, self.patches, self.north_deg) {
                 Ok(camera) => none.insert(camera),
                 Err(error) => {
                     std::thread::sleep(RETRY);

@@ -44,7 +44,7 @@ pub(super) fn heat(table: &mut Table) {
 #[cfg(feature = "board")]
 pub(super) fn camera(config: &Config, table: &mut Table) {
     use crate::camera::v4l2::V4l2Camera;
-    let settings = crate::sky_source::captured::v4l2_settings(config);
+    let settings = crate::sky_source::live::v4l2_settings(config);
     let opened = settings.and_then(|settings| {
         let mut camera = V4l2Camera::open(&settings)?;
         let delay = camera.measure_delay()?;

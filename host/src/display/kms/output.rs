@@ -3,7 +3,7 @@
 use super::KmsConfig;
 use super::card::Card;
 use crate::display::config::{ModeWish, Rotation};
-use drm::control::{Device as _, Mode, ModeTypeFlags, PlaneType, connector, crtc, plane, property};
+use drm::control::{Device as _, Mode, ModeTypeFlags, PlaneType, ResourceHandle, connector, crtc, plane, property};
 
 /// What is known of a mode when one is chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -115,9 +115,8 @@ fn free_crtc(card: &Card, resources: &drm::control::ResourceHandles, info: &conn
 
 /// How the kernel says that the panel is built in, turned back.
 fn orientation(card: &Card, connector: connector::Handle) -> Rotation {
-    let value = named_value(card, connector, "panel orientation");
     // Normal, Upside Down, Left Side Up, Right Side Up (drm_connector.c).
-    match value {
+    match property(card, connector, "panel orientation").map(|(_, value)| value) {
         Some(1) => Rotation::Half,
         Some(2) => Rotation::Quarter,
         Some(3) => Rotation::ThreeQuarters,
@@ -125,12 +124,12 @@ fn orientation(card: &Card, connector: connector::Handle) -> Rotation {
     }
 }
 
-/// The value of an object's property of this name.
-pub(super) fn named_value<T: drm::control::ResourceHandle>(card: &Card, object: T, name: &str) -> Option<u64> {
+/// An object's property of this name, and its value.
+pub(super) fn property<T: ResourceHandle>(card: &Card, object: T, name: &str) -> Option<(property::Handle, u64)> {
     let properties = card.get_properties(object).ok()?;
     let named =
         |handle: property::Handle| card.get_property(handle).is_ok_and(|p| p.name().to_bytes() == name.as_bytes());
-    properties.iter().find(|(handle, _)| named(**handle)).map(|(_, value)| *value)
+    properties.iter().find(|(handle, _)| named(**handle)).map(|(handle, value)| (*handle, *value))
 }
 
 /// The planes that show on a CRTC: the primary one, and those that should not.
@@ -142,7 +141,7 @@ pub(super) fn planes(card: &Card, crtc: crtc::Handle) -> Option<(plane::Handle, 
         if !resources.filter_crtcs(info.possible_crtcs()).contains(&crtc) {
             continue;
         }
-        match named_value(card, handle, "type") {
+        match property(card, handle, "type").map(|(_, kind)| kind) {
             Some(kind) if kind == PlaneType::Primary as u64 && primary.is_none() => primary = Some(handle),
             _ if info.crtc() == Some(crtc) => others.push(handle),
             _ => {}

@@ -1,7 +1,7 @@
 //! Setting the mode and flipping: atomically where the card can, else the legacy way.
 
 use super::card::Card;
-use super::output::{Output, planes};
+use super::output::{self, Output, planes};
 use drm::control::atomic::AtomicModeReq;
 use drm::control::property::{self, Value};
 use drm::control::{AtomicCommitFlags, Device as _, Event, PageFlipFlags, ResourceHandle, crtc, framebuffer, plane};
@@ -149,17 +149,17 @@ impl Atomic {
     /// Finds what a request must name; `None` if the card lacks any of it.
     fn find(card: &Card, output: &Output) -> Option<Self> {
         let (plane, others) = planes(card, output.crtc)?;
-        let mut plane_properties = [property(card, plane, PLANE[0])?; PLANE.len()];
+        let mut plane_properties = [handle(card, plane, PLANE[0])?; PLANE.len()];
         for (found, name) in plane_properties.iter_mut().zip(PLANE) {
-            *found = property(card, plane, name)?;
+            *found = handle(card, plane, name)?;
         }
         Some(Atomic {
             plane,
             others,
             plane_properties,
-            mode_id: property(card, output.crtc, "MODE_ID")?,
-            active: property(card, output.crtc, "ACTIVE")?,
-            connector_crtc: property(card, output.connector, "CRTC_ID")?,
+            mode_id: handle(card, output.crtc, "MODE_ID")?,
+            active: handle(card, output.crtc, "ACTIVE")?,
+            connector_crtc: handle(card, output.connector, "CRTC_ID")?,
         })
     }
 
@@ -195,11 +195,6 @@ impl Atomic {
     }
 }
 
-/// The handle of an object's property of this name.
-fn property<T: ResourceHandle>(card: &Card, object: T, name: &str) -> Option<property::Handle> {
-    let properties = card.get_properties(object).ok()?;
-    let named = |handle: &property::Handle| {
-        card.get_property(*handle).is_ok_and(|property| property.name().to_bytes() == name.as_bytes())
-    };
-    properties.iter().map(|(handle, _)| *handle).find(named)
+fn handle<T: ResourceHandle>(card: &Card, object: T, name: &str) -> Option<property::Handle> {
+    output::property(card, object, name).map(|(handle, _)| handle)
 }
