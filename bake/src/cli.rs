@@ -2,7 +2,8 @@
 
 use crate::bake::{BakeError, BakeOptions, bake};
 use crate::camera::Camera;
-use crate::scene;
+use crate::demo_scene;
+use crate::scene::{self, Scene};
 use crate::stack::StackError;
 use crate::{info, write};
 use lexopt::prelude::*;
@@ -10,13 +11,13 @@ use relume_firmware::glue::failure::{Failure, OrFail};
 use relume_firmware::glue::outfile::check_writable;
 use std::ffi::OsString;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
 relume-bake: makes the field that a post relights.
 
   relume-bake scene SCENE.glb --camera CAM.json --size WxH -o FIELD
-      SCENE            glTF 2.0, .glb or .gltf
+      SCENE            glTF 2.0, .glb or .gltf; the word demo: the built-in scene, which brings its own camera
       --camera FILE    {\"position\":[x,y,z],\"target\":[x,y,z],\"up\":[0,1,0],\"fov_y_deg\":45} (and \"north_deg\")
       --size WxH       picture size in pixels, the display's
       -o FIELD         the field file to write
@@ -35,6 +36,9 @@ relume-bake: makes the field that a post relights.
   relume-bake info FIELD [--json]
   relume-bake --version
 ";
+
+/// Stands for the scene that the program brings.
+const BUILT_IN: &str = "demo";
 
 /// Runs the command line `args`, program name first.
 ///
@@ -79,7 +83,6 @@ fn bake_scene(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     let Some(arguments) = scene_arguments(parser)? else { return print(HELP) };
     let need = |what: &str| Failure::bad(format!("scene: {what} is missing (see relume-bake --help)"));
     let scene_path = arguments.scene.ok_or_else(|| need("the scene file"))?;
-    let camera_path = arguments.camera.ok_or_else(|| need("--camera"))?;
     let out = arguments.out.ok_or_else(|| need("-o FIELD"))?;
     let mut options = arguments.options;
     options.size = arguments.size.ok_or_else(|| need("--size WxH"))?;
@@ -87,14 +90,11 @@ fn bake_scene(parser: &mut lexopt::Parser) -> Result<(), Failure> {
         return Err(Failure::bad("--sun goes with --stack DIR: it asks for the stack's sun.exr"));
     }
     check_writable(&out)?;
-    let camera = Camera::load(&camera_path).or_bad()?;
-    let scene = scene::load(&scene_path).or_bad()?;
+    let (scene, camera, names) = scene_and_camera(&scene_path, arguments.camera)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads).build().or_runtime()?;
     let baked = pool.install(|| bake(&scene, &camera, &options)).map_err(|error| match error {
         BakeError::Stack(StackError::Write { .. }) => Failure::Runtime(error.into()),
-        BakeError::Transport(_) => {
-            Failure::bad(format!("{} with {}: {error}", scene_path.display(), camera_path.display()))
-        }
+        BakeError::Transport(_) => Failure::bad(format!("{names}: {error}")),
         _ => Failure::BadInput(error.into()),
     })?;
     write::save(&out, &baked.bytes)?;
@@ -110,6 +110,22 @@ fn bake_scene(parser: &mut lexopt::Parser) -> Result<(), Failure> {
         report.seconds
     );
     Ok(())
+}
+
+/// The scene, where it is seen from, and the names of both for messages.
+fn scene_and_camera(scene: &Path, camera: Option<PathBuf>) -> Result<(Scene, Camera, String), Failure> {
+    match (scene.as_os_str() == BUILT_IN, camera) {
+        (true, None) => {
+            let (scene, camera) = demo_scene::temple();
+            Ok((scene, camera, BUILT_IN.to_owned()))
+        }
+        (true, Some(_)) => Err(Failure::bad("scene demo: leave --camera out; the built-in scene brings its own")),
+        (false, None) => Err(Failure::bad("scene: --camera is missing (see relume-bake --help)")),
+        (false, Some(camera)) => {
+            let names = format!("{} with {}", scene.display(), camera.display());
+            Ok((scene::load(scene).or_bad()?, Camera::load(&camera).or_bad()?, names))
+        }
+    }
 }
 
 fn scene_arguments(parser: &mut lexopt::Parser) -> Result<Option<SceneArguments>, Failure> {

@@ -179,6 +179,7 @@ fn block_scale(scales: impl Iterator<Item = f32> + Clone) -> (i8, Vec<u16>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use relume_firmware::wayback::CODE_TOP;
 
     #[test]
     fn block_scales_keep_16_bits_of_the_largest() {
@@ -190,6 +191,33 @@ mod tests {
             assert!((f64::from(*scale) - f64::from(*code) * unit).abs() <= 0.5 * unit);
         }
         assert_eq!(block_scale([0.0, 0.0].into_iter()), (0, vec![0, 0]));
+    }
+
+    /// Neighbours whose channels are as far apart as codes can be, either way round, come back as they were.
+    #[test]
+    fn rows_of_opposite_colours_fit_their_strips() {
+        let top = CODE_TOP;
+        let codes =
+            |first: u16, second: u16| (0..16).map(|x| [first, second, x][usize::from(x).min(2)]).collect::<Vec<_>>();
+        let patch = PatchRows { codes: [codes(0, top), codes(top, 0), codes(top, 1)], quarters: 0, rest_units: 0.0 };
+        let mut strip = Vec::new();
+        push_strip(&mut strip, patch.codes.each_ref().map(Vec::as_slice));
+        let (green, red, blue) = (strip[0] & 15, strip[0] >> 4, strip[1] & 15);
+        assert_eq!(strip.len(), 5 + 2 * usize::from(green + red + blue));
+        let (shift, mut at) = (strip[1] >> 4, 5);
+        let mut part = |planes: u8, base: i32| -> Vec<i32> {
+            let bit = |x: usize, k: u8| i32::from(strip[at + 2 * usize::from(k) + x / 8] >> (x % 8) & 1) << k;
+            let bits = |x: usize| (0..planes).map(|k| bit(x, k)).sum::<i32>();
+            let part = (0..16).map(|x| (base << shift) + bits(x)).collect();
+            at += 2 * usize::from(planes);
+            part
+        };
+        let over =
+            [part(green, strip[2].into()), part(red, (strip[3] as i8).into()), part(blue, (strip[4] as i8).into())];
+        for x in 0..16 {
+            let read = [over[0][x], over[0][x] + over[1][x], over[0][x] + over[2][x]];
+            assert_eq!(read, patch.codes.each_ref().map(|codes| i32::from(codes[x])), "{x}");
+        }
     }
 
     #[test]

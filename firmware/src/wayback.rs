@@ -12,7 +12,7 @@
 //!    5 bit planes of pixels / 8 bytes: bit x % 8 of byte x / 8 belongs to pixel x; green's planes, red's, blue's, lowest
 //!      bit first
 //!
-//! green = base + bits; red = green + base + bits; blue = green + base + bits       (0..=8191)
+//! green = base + bits; red = green + base + bits; blue = green + base + bits       (0..=16000)
 //! response[x][c][i] = row * unit * code[c][x]^2        with row = rows[c][x] 2^re[c]
 //! |sqrt(true) - sqrt(row * unit) * code| <= sqrt(row * unit) / 2, beside at most
 //!   rest * unit * 65535 * 2^re[c] * (rows[c][x] / 65535)^0.583
@@ -29,8 +29,8 @@ use crate::kernel::Kernel;
 use crate::minifloat::Minifloat;
 use crate::tile::{PLACE_UNIT, TILE_PIXELS, Tile, TileSet};
 
-/// Largest code.
-pub const CODE_TOP: u16 = 8191;
+/// Largest code: differences of two channels, over their base in whole 2^shift, take 15 planes at most.
+pub const CODE_TOP: u16 = 16_000;
 /// Length of a patch's entry, bytes.
 pub const WAY_ENTRY: usize = 8;
 /// Pixels of a strip.

@@ -266,3 +266,36 @@ fn rows_of_a_single_channel_are_restored() {
         assert!(bound.iter().all(|&bound| bound < 0.1 * largest), "{bound:?} {largest}");
     }
 }
+
+/// A small picture cannot tell the exposure that shows a patch which about one pixel in a hundred sees: where that turns out
+/// to be a bright one, the rows hold dim pixels beside bright ones within four codes.
+#[test]
+fn a_patch_that_few_pixels_see_is_shown_by_its_dim_ones() {
+    let patches = set().len();
+    let few = 40;
+    let mut small = street(4096, 0.0);
+    small.iter_mut().skip(few).step_by(patches).for_each(|value| *value = 0.0);
+    // 0.9 % of the small picture's pixels see it.
+    small.iter_mut().skip(few).step_by(patches).take(3 * 37).for_each(|value| *value = 0.2);
+    let mut response = street(256, 0.0);
+    let dim = 0.2 / 2200.0;
+    let lit = response.iter_mut().skip(few).step_by(patches).enumerate();
+    lit.for_each(|(i, value)| *value = if i < 24 { 0.2 } else { dim });
+    let block = compress(&response, patches, prior(), &target());
+    let top = block.row_scale.iter().fold([0.0f32; 3], |top, s| [0, 1, 2].map(|c| top[c].max(s[c])));
+    let rows = &tile_rows(&response, &Whites::of(&small, patches), &block, 0..256, top)[few];
+    let exposure = 0.8 / f64::from(dim);
+    let codes_off = |i: usize| {
+        let step = f64::from(block.row_scale[i / 3][i % 3]) * f64::from(way_unit(rows.quarters));
+        let code = f64::from(rows.codes[[1, 0, 2][i % 3]][i / 3]);
+        let shown = |light: f64| 255.0 * srgb((light * exposure).min(1.0));
+        (shown(code * code * step) - shown(response[i * patches + few].into())).abs()
+    };
+    let worst = (0..256 * 3).map(codes_off).fold(0.0, f64::max);
+    assert!(worst < 3.5, "{worst} codes off");
+}
+
+/// IEC 61966-2-1.
+fn srgb(linear: f64) -> f64 {
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}

@@ -3,8 +3,8 @@
 //! Light that no prior expects (one patch far brighter than its neighbours, a lamp) shows the factors' error of its
 //! patch. Such a patch is taken out of the factors' weights and its own rows are added instead. A patch's unit is such that
 //! [`WHITE_CODE`] stands for display white in its own picture, at the exposure that shows the patch alone: where the small
-//! picture that tells this white is right, the patch alone is bound to 3.4 codes, rounding included. It is not right for a
-//! patch that about one pixel in a hundred sees: the bound holds there, too, but is large.
+//! picture that tells this white is right, the patch alone is bound to 3.4 codes, rounding included. It cannot tell the white
+//! of a patch that about one pixel in a hundred sees: there the unit is the finest that holds the tile's brightest pixel.
 
 use super::Compressed;
 use relume_firmware::bound::DARK_POWER;
@@ -16,27 +16,32 @@ const WHITE_CODE: f64 = 66.0;
 /// Display white over the 99th percentile of what a light shows (the design's exposure).
 const WHITE_TIMES_PERCENTILE: f32 = 1.25;
 const PERCENTILE: f64 = 0.99;
+/// A white that asks for a finer unit than any code can hold.
+const FINEST: f32 = f32::MIN_POSITIVE;
 
 /// The response that display white is under each patch alone, `[patch]`; 0 where it lights nothing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Whites(Vec<f32>);
 
 impl Whites {
-    /// From responses `[pixel][3][patch]` spread over the picture. Where these may be too few to tell (a patch that about
-    /// one pixel in a hundred sees), the darker white that two standard deviations leave possible is taken.
+    /// From responses `[pixel][3][patch]` spread over the picture. Where these may be too few to tell, the darker white that
+    /// two standard deviations leave possible is taken; of a patch that about one pixel in a hundred sees that is none at
+    /// all, and its rows get the finest unit that holds them.
     pub fn of(response: &[f32], patches: usize) -> Self {
         let pixels = (response.len() / (3 * patches.max(1))).max(1) as f64;
-        let share = PERCENTILE - 2.0 * (PERCENTILE * (1.0 - PERCENTILE) / pixels).sqrt();
+        let doubt = 2.0 * (PERCENTILE * (1.0 - PERCENTILE) / pixels).sqrt();
         let white = |patch: usize| {
             let mut values: Vec<f32> = response.iter().skip(patch).step_by(patches.max(1)).copied().collect();
-            if values.is_empty() {
-                return 0.0;
+            values.sort_unstable_by(f32::total_cmp);
+            let Some(last) = values.len().checked_sub(1) else { return 0.0 };
+            let level = |share: f64| values[(share.clamp(0.0, 1.0) * last as f64) as usize];
+            let (darkest, brightest) = (level(PERCENTILE - doubt), level(PERCENTILE + doubt));
+            match (darkest > 0.0, brightest > 0.0) {
+                (true, _) => darkest * WHITE_TIMES_PERCENTILE,
+                (false, true) => FINEST,
+                // What fewer see than the percentile counts has no exposure of its own: the brightest pixel is its white.
+                (false, false) => values[last].max(0.0),
             }
-            let place = (share.max(0.0) * (values.len() - 1) as f64) as usize;
-            let (_, &mut level, above) = values.select_nth_unstable_by(place, f32::total_cmp);
-            let top = above.iter().fold(level, |top, v| top.max(*v));
-            // What fewer see than the percentile counts has no exposure of its own: the brightest pixel is its white.
-            if level > 0.0 { level * WHITE_TIMES_PERCENTILE } else { top.max(0.0) }
         };
         Whites((0..patches).map(white).collect())
     }
