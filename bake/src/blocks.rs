@@ -9,10 +9,11 @@ use crate::write::FieldTile;
 use nalgebra::DMatrix;
 use relume_firmware::bound::GROUP;
 use relume_firmware::patches::PatchSet;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// A block ready to be written.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct FieldBlock {
     /// Its record of BNDT.
     pub bound: Vec<u8>,

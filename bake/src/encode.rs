@@ -4,12 +4,14 @@ use crate::compress::{BlockBound, Compressed, PatchRows};
 use relume_firmware::bound::GROUP;
 use relume_firmware::tile::{ALL_WHOLE, LANE_PAD, MAX_RANK, TILE_PX, TileRecord, padded};
 use relume_firmware::wayback::{REST, STRIP, WAY_ENTRY};
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// The bytes of one tile of a tile set; places in `record` are still open.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TileBytes {
     /// Mask, counts and exponents.
+    #[serde(with = "record_bytes")]
     pub record: TileRecord,
     /// `rank/2` planes of padded pixel pairs.
     pub u: Vec<u8>,
@@ -17,6 +19,22 @@ pub struct TileBytes {
     pub v: Vec<u8>,
     /// u16 `[3][padded pixels]`.
     pub rows: Vec<u8>,
+}
+
+/// A record as the bytes that it has in the field.
+mod record_bytes {
+    use relume_firmware::tile::{TILE_RECORD, TileRecord};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
+
+    pub(super) fn serialize<S: Serializer>(record: &TileRecord, to: S) -> Result<S::Ok, S::Error> {
+        record.encode().as_slice().serialize(to)
+    }
+
+    pub(super) fn deserialize<'d, D: Deserializer<'d>>(from: D) -> Result<TileRecord, D::Error> {
+        let bytes = Vec::<u8>::deserialize(from)?;
+        let bytes: [u8; TILE_RECORD] = bytes.try_into().map_err(|_| D::Error::custom("no tile record"))?;
+        Ok(TileRecord::decode(&bytes))
+    }
 }
 
 /// The mask of a tile: `covered` holds indices `y * width + x` of a tile `width` pixels wide.

@@ -67,7 +67,7 @@ impl TestLight {
 }
 
 /// Exact sums of one tile under every sky.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ExactTile(Vec<Vec<f32>>);
 
 fn error_under<'e>(

@@ -1,5 +1,6 @@
 //! Offline tool of Relume: scene -> response -> tiles -> field file.
 mod accessor;
+pub mod assembly;
 pub mod bake;
 pub mod blocks;
 pub mod bouncepoints;
@@ -16,8 +17,11 @@ pub mod geometry;
 mod gltf_file;
 pub mod heldout;
 pub mod info;
+pub mod job;
 mod leading;
+pub mod ledger;
 mod path;
+pub mod plan;
 pub mod prior;
 pub mod progress;
 pub mod report;

@@ -10,6 +10,7 @@
 use glam::Vec3A;
 use relume_firmware::patches::PatchSet;
 use relume_firmware::pixelpoints::{PIXEL_POINTS, pixel_point};
+use serde::{Deserialize, Serialize};
 
 use crate::camera::{Camera, CameraView};
 use crate::fragments::{Fragment, fragments};
@@ -23,7 +24,7 @@ use crate::viewpoint::{self, TransportError};
 pub const TILE: u32 = 16;
 
 /// How finely light is sampled.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TransportOptions {
     /// Most surface hits of a path, the seen one included; 0 for no limit (Russian roulette ends paths).
     pub max_hits: u32,

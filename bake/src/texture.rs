@@ -95,6 +95,12 @@ impl Texture {
         top + (bottom - top) * part.y
     }
 
+    /// Takes all of it into a checksum.
+    pub(crate) fn checksum(&self, sum: &mut crc32fast::Hasher) {
+        sum.update(format!("{}x{} {:?}", self.width, self.height, self.wrap).as_bytes());
+        sum.update(self.texels.as_flattened());
+    }
+
     /// Smallest and largest alpha of all texels, 0..1.
     pub fn alpha_range(&self) -> (f32, f32) {
         let codes = self.texels.iter().map(|t| t[3]);

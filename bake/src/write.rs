@@ -5,6 +5,7 @@ use relume_firmware::field::{HEADER, Header, LAYER_ALIGN, LAYER_CRITICAL, LAYER_
 use relume_firmware::glue::outfile::{OutError, write_whole};
 use relume_firmware::tile::{ALL_WHOLE, BLOCK_TILES, PLACE_UNIT};
 use relume_firmware::wayback::NO_WAY;
+use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::Path;
 
@@ -58,7 +59,7 @@ pub struct FieldWriter {
 }
 
 /// All that one tile adds.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct FieldTile {
     /// Response to the patches.
     pub response: TileBytes,

@@ -70,7 +70,8 @@ impl TileRecord {
         out
     }
 
-    fn decode(b: &[u8]) -> Self {
+    /// The record of [`encode`](Self::encode)'s bytes.
+    pub fn decode(b: &[u8; TILE_RECORD]) -> Self {
         let mut mask = [0; 32];
         mask.copy_from_slice(&b[..32]);
         TileRecord {
@@ -275,8 +276,8 @@ impl<'a> TileSet<'a> {
         if places { Ok(()) } else { Err(FieldError::Invalid("place of a tile")) }
     }
 
-    pub(crate) fn record(&self, tile: usize) -> &'a [u8] {
-        &self.records[tile * TILE_RECORD..][..TILE_RECORD]
+    pub(crate) fn record(&self, tile: usize) -> &'a [u8; TILE_RECORD] {
+        &self.records.as_chunks().0[tile]
     }
 
     /// Number of tiles.

@@ -1,0 +1,119 @@
+//! Blocks, in order -> a whole field.
+
+use crate::bake::{BakeError, BakeOptions, Baked};
+use crate::camera::Camera;
+use crate::error::ExactTile;
+use crate::job::{DoneBlock, Job};
+use crate::report::Report;
+use crate::viewpoint::TransportError;
+use crate::write::FieldWriter;
+use relume_firmware::field::{CameraRecord, Field, Header};
+use relume_firmware::patches::PatchSet;
+use std::time::Duration;
+
+/// Mean light, under an even sky of radiance 1, below which a view is taken for the inside of something closed: what gets
+/// there came through cracks between triangles.
+const DARK_LIGHT: f64 = 1e-4;
+
+/// A field while its blocks come in.
+pub struct Assembly {
+    columns: u32,
+    /// Blocks of the row that is not whole yet.
+    row: Vec<DoneBlock>,
+    next: u32,
+    writer: FieldWriter,
+    report: Report,
+    /// In the order of the file.
+    exact: Vec<ExactTile>,
+}
+
+impl Assembly {
+    /// Of a job's blocks.
+    pub fn new(job: &Job<'_>) -> Self {
+        let mut writer = FieldWriter::default();
+        writer.set_bound_basis(job.compressor.bound_basis_bytes());
+        let (columns, row) = (job.grid().0, Vec::new());
+        Assembly { columns, row, next: 0, writer, report: Report::default(), exact: Vec::new() }
+    }
+
+    /// Number of the block that comes next.
+    pub fn next(&self) -> u32 {
+        self.next
+    }
+
+    /// Takes the next block; one that is there already is left out.
+    pub fn push(&mut self, done: DoneBlock) {
+        if done.number != self.next {
+            return;
+        }
+        self.next += 1;
+        self.row.push(done);
+        if self.row.len() == self.columns as usize {
+            self.close_row();
+        }
+    }
+
+    fn close_row(&mut self) {
+        let mut tiles = Vec::new();
+        for DoneBlock { block, exact, .. } in self.row.drain(..) {
+            self.writer.push_bound(&block.bound);
+            self.report.add_light(block.light);
+            tiles.extend(block.tiles.into_iter().zip(exact));
+        }
+        // The file holds tiles row by row.
+        tiles.sort_by_key(|(tile, _)| (tile.at.1, tile.at.0));
+        for (tile, exact) in tiles {
+            self.report.add(&tile);
+            self.writer.push(tile);
+            self.exact.push(exact);
+        }
+    }
+
+    /// The field, once all blocks are there.
+    ///
+    /// # Errors
+    /// [`BakeError`]: nothing of the scene is lit, or the stack cannot be written.
+    pub fn finish(
+        mut self,
+        job: Job<'_>,
+        camera: &Camera,
+        options: &BakeOptions,
+        took: Duration,
+    ) -> Result<Baked, BakeError> {
+        self.report.finish(&self.writer, took);
+        if self.report.light_mean < DARK_LIGHT {
+            let position = camera.position.map(|c| c as f32);
+            return Err(TransportError::Dark { position }.into());
+        }
+        if let Some(stack) = job.stack {
+            stack.finish()?;
+        }
+        let casters = job.compressor.casters;
+        let scene = [casters.casters, casters.nodes, job.bounce.layer()];
+        let draft = self.writer.into_draft(header(camera, job.patches, options), scene);
+        self.report.held_out = job.test_light.errors(&Field::new(draft.bytes())?, &self.exact)?;
+        Ok(Baked { bytes: draft.finish(&self.report.to_json()), report: self.report })
+    }
+}
+
+fn header(camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Header {
+    let f32s = |v: [f64; 3]| v.map(|c| c as f32);
+    let camera = CameraRecord {
+        position: f32s(camera.position),
+        target: f32s(camera.target),
+        up: f32s(camera.up),
+        fov_y_deg: camera.fov_y_deg as f32,
+        north_deg: camera.north_deg as f32,
+    };
+    Header {
+        width: options.size.0,
+        height: options.size.1,
+        patches,
+        covered: 0,
+        camera,
+        error_target: options.error as f32,
+        site: options.site.map(|site| site.map(|degrees| degrees as f32)),
+        seed: options.transport.seed,
+        max_hits: options.transport.max_hits,
+    }
+}

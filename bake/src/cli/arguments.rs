@@ -1,0 +1,123 @@
+//! What `scene`, `plan` and `merge` are told, and what it means.
+
+use super::values::{number, percent, range, site, size, sun, text};
+use crate::bake::{BakeError, BakeOptions};
+use crate::camera::Camera;
+use crate::demo_scene;
+use crate::scene::{self, Scene};
+use crate::stack::StackError;
+use lexopt::prelude::*;
+use relume_firmware::glue::failure::{Failure, OrFail};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// Stands for the scene that the program brings.
+const BUILT_IN: &str = "demo";
+
+/// Everything that may be said.
+#[derive(Default)]
+pub(super) struct Arguments {
+    pub(super) files: Vec<PathBuf>,
+    pub(super) camera: Option<PathBuf>,
+    pub(super) size: Option<(u32, u32)>,
+    pub(super) out: Option<PathBuf>,
+    pub(super) plan: Option<PathBuf>,
+    pub(super) tiles: Option<Range<u32>>,
+    pub(super) resume: bool,
+    pub(super) threads: usize,
+    pub(super) json: bool,
+    pub(super) options: BakeOptions,
+}
+
+impl Arguments {
+    /// `None`: help was asked for.
+    pub(super) fn parse(parser: &mut lexopt::Parser) -> Result<Option<Self>, Failure> {
+        let mut a = Arguments::default();
+        while let Some(argument) = parser.next()? {
+            match argument {
+                Value(path) => a.files.push(path.into()),
+                Long("camera") => a.camera = Some(parser.value()?.into()),
+                Long("size") => a.size = Some(size(&text(parser)?)?),
+                Short('o') | Long("out") => a.out = Some(parser.value()?.into()),
+                Long("plan") => a.plan = Some(parser.value()?.into()),
+                Long("tiles") => a.tiles = Some(range(&text(parser)?)?),
+                Long("resume") => a.resume = true,
+                Long("directions") => a.options.directions = number(parser, "--directions")?,
+                Long("sun-paths") => a.options.transport.sun_paths = number(parser, "--sun-paths")?,
+                Long("max-hits") => a.options.transport.max_hits = number(parser, "--max-hits")?,
+                Long("seed") => a.options.transport.seed = number(parser, "--seed")?,
+                Long("threads") => a.threads = number(parser, "--threads")?,
+                Long("stack") => a.options.stack = Some(parser.value()?.into()),
+                Long("sun") => a.options.stack_sun = Some(sun(&text(parser)?)?),
+                Long("site") => a.options.site = Some(site(&text(parser)?)?),
+                Long("error") => a.options.error = percent(&text(parser)?)?,
+                Long("test-sky") => a.options.test_maps.push(parser.value()?.into()),
+                Long("materials") => match text(parser)?.as_str() {
+                    "lambert" => {}
+                    other => return Err(Failure::bad(format!("--materials {other}: this version knows lambert"))),
+                },
+                Long("json") => a.json = true,
+                Long("help") | Short('h') => return Ok(None),
+                other => return Err(other.unexpected().into()),
+            }
+        }
+        Ok(Some(a))
+    }
+
+    /// The scene's file, the only one that `command` takes.
+    pub(super) fn scene(&self, command: &str) -> Result<&Path, Failure> {
+        match self.files.as_slice() {
+            [scene] => Ok(scene),
+            [] => Err(missing(command, "the scene file")),
+            [_, more, ..] => Err(Failure::bad(format!("{command}: {} is one file too many", more.display()))),
+        }
+    }
+
+    /// The output.
+    pub(super) fn out(&self, command: &str) -> Result<&Path, Failure> {
+        self.out.as_deref().ok_or_else(|| missing(command, "-o"))
+    }
+
+    /// Options with the size, which has no default.
+    pub(super) fn options(&self, command: &str) -> Result<BakeOptions, Failure> {
+        let size = self.size.ok_or_else(|| missing(command, "--size WxH"))?;
+        Ok(BakeOptions { size, ..self.options.clone() })
+    }
+
+    /// Runs `work` on as many threads as were asked for.
+    pub(super) fn on_threads<T: Send>(&self, work: impl FnOnce() -> T + Send) -> Result<T, Failure> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads).build().or_runtime()?;
+        Ok(pool.install(work))
+    }
+}
+
+/// Something that `command` needs was not given.
+pub(super) fn missing(command: &str, what: &str) -> Failure {
+    Failure::bad(format!("{command}: {what} is missing (see relume-bake --help)"))
+}
+
+/// The scene, where it is seen from, and the names of both for messages.
+pub(super) fn scene_and_camera(scene: &Path, camera: Option<&Path>) -> Result<(Scene, Camera, String), Failure> {
+    match (scene.as_os_str() == BUILT_IN, camera) {
+        (true, None) => {
+            let (scene, camera) = demo_scene::temple();
+            Ok((scene, camera, BUILT_IN.to_owned()))
+        }
+        (true, Some(_)) => Err(Failure::bad("scene demo: leave --camera out; the built-in scene brings its own")),
+        (false, None) => Err(missing("scene", "--camera")),
+        (false, Some(camera)) => {
+            let names = format!("{} with {}", scene.display(), camera.display());
+            Ok((scene::load(scene).or_bad()?, Camera::load(camera).or_bad()?, names))
+        }
+    }
+}
+
+/// A failed bake of the scene and camera called `names`, for the user.
+pub(super) fn told(error: BakeError, names: &str) -> Failure {
+    match error {
+        BakeError::Stack(StackError::Write { .. }) => Failure::Runtime(error.into()),
+        BakeError::Ledger(ref fault) if fault.is_of_the_disk() => Failure::Runtime(error.into()),
+        BakeError::Transport(_) => Failure::bad(format!("{names}: {error}")),
+        _ => Failure::BadInput(error.into()),
+    }
+}

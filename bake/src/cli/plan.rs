@@ -1,0 +1,36 @@
+//! `relume-bake plan`: what a bake in shares will be made of.
+
+use super::arguments::{Arguments, scene_and_camera, told};
+use super::{HELP, print};
+use crate::plan::Plan;
+use crate::write;
+use relume_firmware::glue::failure::Failure;
+use relume_firmware::glue::outfile::check_writable;
+use std::path::Path;
+
+pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
+    let Some(arguments) = Arguments::parse(parser)? else { return print(HELP) };
+    let (scene_file, out) = (arguments.scene("plan")?, arguments.out("plan")?);
+    let options = arguments.options("plan")?;
+    if options.stack.is_some() {
+        return Err(Failure::bad(
+            "plan: --stack does not go with shares; bake a stack in one go with `relume-bake scene`",
+        ));
+    }
+    check_writable(out)?;
+    let camera_file = arguments.camera.as_deref();
+    let (scene, camera, names) = scene_and_camera(scene_file, camera_file)?;
+    let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let plan = Plan::new((&scene, &camera), (scene_file, camera_file), &options, folder);
+    let plan = plan.map_err(|error| told(error, &names))?;
+    write::save(out, plan.to_toml().as_bytes())?;
+    print(&if arguments.json {
+        format!("{{\"tiles\":{}}}\n", plan.tiles)
+    } else {
+        format!(
+            "{} tiles: bake shares with `relume-bake scene --plan {} --tiles A..B -o SHARE`\n",
+            plan.tiles,
+            out.display()
+        )
+    })
+}

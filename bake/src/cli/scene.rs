@@ -1,0 +1,106 @@
+//! `relume-bake scene`: a whole bake, or a share of a plan.
+
+use super::arguments::{Arguments, missing, scene_and_camera, told};
+use super::{HELP, print};
+use crate::bake::{BakeOptions, Baked, LedgerOptions, bake};
+use crate::job::Job;
+use crate::ledger::Ledger;
+use crate::plan::Plan;
+use crate::write;
+use relume_firmware::glue::failure::{Failure, OrFail};
+use relume_firmware::glue::outfile::check_writable;
+use std::path::{Path, PathBuf};
+
+pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
+    let Some(arguments) = Arguments::parse(parser)? else { return print(HELP) };
+    match &arguments.plan {
+        Some(plan) => bake_share(&arguments, plan),
+        None if arguments.tiles.is_some() => Err(Failure::bad("--tiles goes with --plan PLAN.toml")),
+        None => bake_whole(&arguments),
+    }
+}
+
+/// The file that an unfinished one grows in.
+fn part_of(out: &Path) -> PathBuf {
+    let mut name = out.as_os_str().to_owned();
+    name.push(".part");
+    name.into()
+}
+
+fn bake_whole(arguments: &Arguments) -> Result<(), Failure> {
+    let (scene, out) = (arguments.scene("scene")?, arguments.out("scene")?);
+    let mut options = arguments.options("scene")?;
+    if options.stack_sun.is_some() && options.stack.is_none() {
+        return Err(Failure::bad("--sun goes with --stack DIR: it asks for the stack's sun.exr"));
+    }
+    if options.stack.is_some() && arguments.resume {
+        return Err(Failure::bad("--resume does not go with --stack: a stack is baked in one go"));
+    }
+    check_writable(out)?;
+    let (scene, camera, names) = scene_and_camera(scene, arguments.camera.as_deref())?;
+    if options.stack.is_none() && !is_device(out) {
+        options.ledger = Some(LedgerOptions { path: part_of(out), resume: arguments.resume });
+    }
+    let baked = arguments.on_threads(|| bake(&scene, &camera, &options))?;
+    let baked = baked.map_err(|error| told(error, &names))?;
+    save(out, &baked, arguments.json)?;
+    if let Some(kept) = &options.ledger {
+        // The field is there: what is left of it in parts is of no use, and in nobody's way.
+        let _ = std::fs::remove_file(&kept.path);
+    }
+    Ok(())
+}
+
+/// A device or a pipe has no neighbour to keep blocks in.
+fn is_device(out: &Path) -> bool {
+    std::fs::metadata(out).is_ok_and(|meta| !meta.is_file())
+}
+
+/// Writes a field and tells about it.
+pub(super) fn save(out: &Path, Baked { bytes, report }: &Baked, json: bool) -> Result<(), Failure> {
+    write::save(out, bytes)?;
+    if json {
+        print(&format!("{}\n", report.to_json()))?;
+    }
+    eprintln!(
+        "{}: {} bytes, rank {:.1} on average and {} at most, {:.1} bytes per covered pixel, {:.0} s",
+        out.display(),
+        bytes.len(),
+        report.rank_mean,
+        report.rank_max,
+        report.bytes_per_covered_pixel,
+        report.seconds
+    );
+    Ok(())
+}
+
+fn bake_share(arguments: &Arguments, plan_file: &Path) -> Result<(), Failure> {
+    let told_twice = arguments.camera.is_some() || arguments.size.is_some() || arguments.options.stack.is_some();
+    if !arguments.files.is_empty() || told_twice {
+        return Err(Failure::bad(
+            "scene --plan: scene, camera, size and sampling are the plan's; a share has no stack",
+        ));
+    }
+    let out = arguments.out("scene")?;
+    let numbers = arguments.tiles.clone().ok_or_else(|| missing("scene --plan", "--tiles A..B"))?;
+    let plan = Plan::load(plan_file).or_bad()?;
+    if numbers.end > plan.tiles {
+        let (end, tiles) = (numbers.end, plan.tiles);
+        return Err(Failure::bad(format!("--tiles: {end} is beyond the plan's {tiles} tiles (0..{tiles})")));
+    }
+    check_writable(out)?;
+    let options = BakeOptions { progress: arguments.options.progress, ..plan.options() };
+    let (scene, camera, names) = scene_and_camera(&plan.scene, plan.camera.as_deref())?;
+    plan.check(plan_file, &scene, &camera).map_err(|error| told(error, &names))?;
+    let share = (plan.identity, numbers.clone());
+    let mut ledger =
+        Ledger::open(&part_of(out), share, arguments.resume, |_| ()).map_err(|error| told(error.into(), &names))?;
+    let baked = arguments.on_threads(|| {
+        let job = Job::new(&scene, &camera, &options)?;
+        job.run(ledger.next()..numbers.end, options.progress, |block| Ok(ledger.append(&block)?))
+    })?;
+    baked.map_err(|error| told(error, &names))?;
+    ledger.rename(out).map_err(|error| told(error.into(), &names))?;
+    eprintln!("{}: tiles {}..{} of {}", out.display(), numbers.start, numbers.end, plan.tiles);
+    Ok(())
+}

@@ -1,0 +1,197 @@
+//! The work of a bake: scene -> response -> tiles, a block of tiles at a time, in any order and on any machine.
+
+use crate::bake::{BakeError, BakeOptions, sun_dir_world};
+use crate::blocks::{BlockCompressor, BlockTile, FieldBlock};
+use crate::bouncepoints::BouncePoints;
+use crate::camera::Camera;
+use crate::compress::Whites;
+use crate::error::{ExactTile, TestLight};
+use crate::heldout::{TestSky, captured, test_skies};
+use crate::progress::Progress;
+use crate::response::Transport;
+use crate::scene::Scene;
+use crate::stack::{Manifest, ManifestSun, StackWriter};
+use crate::sun::SunDisc;
+use crate::sunlayers::CasterLayers;
+use crate::transfer::Gathered;
+use rayon::prelude::*;
+use relume_firmware::glue::map::MapError;
+use relume_firmware::patches::PatchSet;
+use relume_firmware::tile::{BLOCK_TILES, TILE_PX};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Mutex;
+
+/// A block that is done and waits for its place in the file.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct DoneBlock {
+    /// Its number, row by row.
+    pub number: u32,
+    /// Its bytes.
+    pub block: FieldBlock,
+    /// Per tile of it, row by row, its exact sums.
+    pub exact: Vec<ExactTile>,
+}
+
+/// Columns and rows of blocks of a picture, `size` in px.
+pub fn block_grid(size: (u32, u32)) -> (u32, u32) {
+    let edge_px = (BLOCK_TILES * TILE_PX) as u32;
+    (size.0.div_ceil(edge_px), size.1.div_ceil(edge_px))
+}
+
+/// Number of blocks of a picture.
+pub fn block_count(size: (u32, u32)) -> u32 {
+    let (columns, rows) = block_grid(size);
+    columns * rows
+}
+
+/// Everything that all blocks share.
+pub struct Job<'s> {
+    transport: Transport<'s>,
+    /// Turns responses into bytes.
+    pub compressor: BlockCompressor,
+    /// What sunlight is passed on from.
+    pub bounce: BouncePoints,
+    /// The uncompressed stack, if one is wanted.
+    pub stack: Option<StackWriter>,
+    stack_sun: Option<SunDisc>,
+    /// Held-out skies.
+    pub test_light: TestLight,
+    /// The patches.
+    pub patches: PatchSet,
+    size: (u32, u32),
+}
+
+/// About so many pixels of a small picture tell how bright each patch makes the large one.
+const SMALL_PX: f64 = 3072.0;
+
+impl<'s> Job<'s> {
+    /// Prepares a bake: patches, held-out skies, bounce points and what the compression must know of the whole picture.
+    ///
+    /// # Errors
+    /// [`BakeError`].
+    pub fn new(scene: &'s Scene, camera: &Camera, options: &BakeOptions) -> Result<Self, BakeError> {
+        let patches = PatchSet::new(options.directions)?;
+        let maps: Result<Vec<TestSky>, MapError> =
+            options.test_maps.iter().map(|path| captured(path, &patches)).collect();
+        let test_light = TestLight::new(test_skies(&patches).into_iter().chain(maps?).collect());
+        let transport = Transport::new(scene, camera, patches, options.size, options.transport)?;
+        let whites = whites(scene, camera, patches, options)?;
+        let stack_sun = options.stack_sun.map(|sun| (sun, sun_dir_world(sun, camera.north_deg)));
+        let stack = options.stack.as_deref().map(|dir| {
+            let transport = &options.transport;
+            let mut manifest =
+                Manifest::new(&patches, options.size, transport.max_hits, transport.seed, camera.north_deg);
+            manifest.sun =
+                stack_sun.map(|([azimuth, altitude], dir)| ManifestSun::new(azimuth, altitude, dir.to_array()));
+            StackWriter::create(dir, manifest)
+        });
+        let stack = stack.transpose()?;
+        Ok(Job {
+            bounce: transport.bounce_points(),
+            transport,
+            compressor: BlockCompressor::new(&patches, options.error, whites, CasterLayers::new(scene)),
+            stack,
+            stack_sun: stack_sun.map(|(_, dir)| SunDisc::new(dir)),
+            test_light,
+            patches,
+            size: options.size,
+        })
+    }
+
+    /// Columns and rows of its blocks.
+    pub fn grid(&self) -> (u32, u32) {
+        block_grid(self.size)
+    }
+
+    /// Number of its blocks.
+    pub fn blocks(&self) -> u32 {
+        block_count(self.size)
+    }
+
+    /// Bakes the blocks `numbers` and hands each to `done`, in order and as soon as those before it are done.
+    ///
+    /// # Errors
+    /// [`BakeError`] of the stack or of `done`.
+    pub fn run(
+        &self,
+        numbers: Range<u32>,
+        progress: bool,
+        done: impl FnMut(DoneBlock) -> Result<(), BakeError> + Send,
+    ) -> Result<(), BakeError> {
+        let bar = progress.then(|| Progress::new("bake", u64::from(numbers.end.saturating_sub(numbers.start))));
+        let in_order = Mutex::new(InOrder { next: numbers.start, waiting: BTreeMap::new(), done });
+        // A bridge hands the numbers out in order, so that few blocks wait for one that takes long.
+        numbers.par_bridge().try_for_each(|number| {
+            let block = self.block(number)?;
+            if let Some(bar) = &bar {
+                bar.step();
+            }
+            in_order.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).take(block)
+        })
+    }
+
+    /// Transport, stack and compression of a block.
+    fn block(&self, number: u32) -> Result<DoneBlock, BakeError> {
+        let place = (number % self.grid().0, number / self.grid().0);
+        let (columns, rows) = self.transport.tiles();
+        let edge = BLOCK_TILES as u32;
+        let mut tiles = Vec::with_capacity(BLOCK_TILES * BLOCK_TILES);
+        for ty in (place.1 * edge..(place.1 + 1) * edge).take_while(|&ty| ty < rows) {
+            for tx in (place.0 * edge..(place.0 + 1) * edge).take_while(|&tx| tx < columns) {
+                let response = self.transport.tile(tx, ty);
+                let Gathered { bounce, sun } = self.transport.gather(&self.bounce, &response, self.stack_sun.as_ref());
+                if let Some(stack) = &self.stack {
+                    let sun = self.stack_sun.as_ref().map(|disc| self.transport.sun_tile(&response, &sun, disc));
+                    stack.write_tile(&response, sun.as_deref())?;
+                }
+                tiles.push(BlockTile { at: (tx, ty), response, bounce });
+            }
+        }
+        let exact = tiles.iter().map(|tile| self.test_light.sums(&tile.response.response)).collect();
+        Ok(DoneBlock { number, block: self.compressor.block(tiles), exact })
+    }
+}
+
+/// Puts blocks in order.
+struct InOrder<F> {
+    next: u32,
+    waiting: BTreeMap<u32, DoneBlock>,
+    done: F,
+}
+
+impl<F: FnMut(DoneBlock) -> Result<(), BakeError>> InOrder<F> {
+    fn take(&mut self, block: DoneBlock) -> Result<(), BakeError> {
+        self.waiting.insert(block.number, block);
+        while let Some(block) = self.waiting.remove(&self.next) {
+            self.next += 1;
+            (self.done)(block)?;
+        }
+        Ok(())
+    }
+}
+
+/// Display white under each patch alone, from a small picture of the same view.
+fn whites(scene: &Scene, camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Result<Whites, BakeError> {
+    let (width, height) = options.size;
+    let times = (f64::from(width) * f64::from(height) / SMALL_PX).sqrt().floor().max(2.0) as u32;
+    let size = (width.div_ceil(times), height.div_ceil(times));
+    let small = Transport::new(scene, camera, patches, size, options.transport)?;
+    let (columns, rows) = small.tiles();
+    let places: Vec<(u32, u32)> = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).collect();
+    let tiles: Vec<Vec<f32>> = places.par_iter().map(|&(x, y)| small.tile(x, y).response).collect();
+    Ok(Whites::of(&tiles.concat(), patches.len()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_cover_the_picture() {
+        assert_eq!(block_grid((64, 48)), (2, 2));
+        assert_eq!(block_grid((65, 32)), (3, 1));
+        assert_eq!(block_count((1920, 1080)), 60 * 34);
+    }
+}
