@@ -118,7 +118,7 @@ pub(super) fn choose_output(card: &Card, config: &KmsConfig, picture: (usize, us
     let facts: Vec<ModeFacts> = info.modes().iter().map(ModeFacts::of).collect();
     let mode = choose_mode(&facts, config.mode, need);
     let mode = mode.ok_or_else(|| Trouble::Unfit(no_mode(&name, config.mode, need, &facts)))?;
-    let crtc = free_crtc(card, &resources, info)
+    let crtc = free_crtc(card, &resources, &infos, info)
         .ok_or_else(|| Trouble::Unfit(format!("{path} has nothing to drive {name} with")))?;
     Ok(Output { connector: info.handle(), name, crtc, mode: info.modes()[mode], orientation, note })
 }
@@ -134,14 +134,23 @@ fn no_mode(name: &str, wish: Option<ModeWish>, need: (usize, usize), modes: &[Mo
     }
 }
 
-/// The CRTC that drives a connector now, else one that may.
-fn free_crtc(card: &Card, resources: &drm::control::ResourceHandles, info: &connector::Info) -> Option<crtc::Handle> {
-    let now = info.current_encoder().and_then(|handle| card.get_encoder(handle).ok()?.crtc());
-    let may = || {
-        let encoders = info.encoders().iter().filter_map(|&handle| card.get_encoder(handle).ok());
-        encoders.flat_map(|encoder| resources.filter_crtcs(encoder.possible_crtcs())).next()
-    };
-    now.or_else(may)
+/// The CRTC that drives a connector now, else one that may: rather one that drives no other connector, even an empty one,
+/// whose console it may still show.
+fn free_crtc(
+    card: &Card,
+    resources: &drm::control::ResourceHandles,
+    infos: &[connector::Info],
+    info: &connector::Info,
+) -> Option<crtc::Handle> {
+    let driver =
+        |info: &connector::Info| info.current_encoder().and_then(|handle| card.get_encoder(handle).ok()?.crtc());
+    if let Some(now) = driver(info) {
+        return Some(now);
+    }
+    let busy: Vec<crtc::Handle> = infos.iter().filter_map(driver).collect();
+    let encoders = info.encoders().iter().filter_map(|&handle| card.get_encoder(handle).ok());
+    let may: Vec<_> = encoders.flat_map(|encoder| resources.filter_crtcs(encoder.possible_crtcs())).collect();
+    may.iter().find(|crtc| !busy.contains(crtc)).or(may.first()).copied()
 }
 
 /// How the kernel says that the panel is built in, turned back.

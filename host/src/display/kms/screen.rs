@@ -37,7 +37,7 @@ impl Screen {
     /// Why not.
     pub(super) fn open(path: &Path, config: &KmsConfig, picture: (usize, usize)) -> Result<Self, Trouble> {
         let refused = |error: io::Error| Trouble::of(path, &error);
-        let card = Rc::new(Card::open(path).map_err(refused)?);
+        let card = Rc::new(Card::open(path).map_err(|error| Trouble::of_opening(path, &error))?);
         card.acquire_master_lock().map_err(refused)?;
         let output = choose_output(&card, config, picture)?;
         let socket = Socket::new(Path::new(CLASS), card.path(), &output.name);

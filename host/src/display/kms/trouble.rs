@@ -42,13 +42,21 @@ pub(super) enum Cure {
 }
 
 impl Trouble {
-    /// What the system's error means on a card.
+    /// What the system's error means when a card's node is opened.
+    pub(super) fn of_opening(card: &Path, error: &io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::PermissionDenied => Trouble::Denied(card.to_path_buf()),
+            _ => Self::of(card, error),
+        }
+    }
+
+    /// What the system's error means on a card that is open.
     pub(super) fn of(card: &Path, error: &io::Error) -> Self {
         let node = card.to_path_buf();
         match error.raw_os_error().map(Errno::from_raw_os_error) {
             Some(Errno::NODEV | Errno::NXIO | Errno::NOENT) => Trouble::Gone(node),
-            Some(Errno::BUSY) => Trouble::Taken(node),
-            Some(Errno::ACCESS | Errno::PERM) => Trouble::Denied(node),
+            // Who may open it may show on it, unless another program does.
+            Some(Errno::BUSY | Errno::ACCESS | Errno::PERM) => Trouble::Taken(node),
             _ if error.kind() == io::ErrorKind::TimedOut => Trouble::Stalled(node),
             _ => Trouble::System { what: format!("{}: {error}", node.display()) },
         }
@@ -73,7 +81,9 @@ mod tests {
         let told = |errno: Errno| Trouble::of(Path::new("/dev/dri/card0"), &errno.into());
         assert_eq!(told(Errno::NODEV).to_string(), "/dev/dri/card0 is not there");
         assert!(told(Errno::BUSY).to_string().contains("another program shows on it"));
-        assert!(told(Errno::ACCESS).to_string().contains("group video"));
+        assert_eq!(told(Errno::ACCESS), told(Errno::BUSY), "of a card that is open");
+        let opening = Trouble::of_opening(Path::new("/dev/dri/card0"), &Errno::ACCESS.into());
+        assert!(opening.to_string().contains("group video"));
         let late = Trouble::of(Path::new("a"), &io::ErrorKind::TimedOut.into());
         assert_eq!((late.to_string(), late.cure()), ("a does not flip".into(), Cure::Patience));
         assert_eq!((told(Errno::NODEV).cure(), told(Errno::BUSY).cure()), (Cure::Card, Cure::Card));
