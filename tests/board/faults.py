@@ -12,6 +12,7 @@ import time
 # a loop that does not wait takes all of one.
 IDLE_S = 4
 IDLE_SHARE = 0.3
+IDLE_TRIES = 8
 # Kernel ticks per second in /proc/PID/stat.
 TICKS = 100
 # A picture of this camera is no sky and its light none that a test looks at; but its driver fails on demand.
@@ -42,7 +43,9 @@ def camera_and_display_gone(check):
     # A still picture flips nothing: that its card is gone must be found out by other means.
     check.order(f"{gpu} > /tmp/gpu; cat /tmp/gpu > {check.CARD}/unbind")
     check.until("display")
-    share = idle_share(check)
+    # A sun that is still being traced is work, and ends; a loop that spins does not.
+    shares = iter(lambda: idle_share(check), None)
+    share = next((share for share, _ in zip(shares, range(IDLE_TRIES)) if share < IDLE_SHARE), 1)
     told = check.health()["state"]
     check.order(f"cat /tmp/gpu > {check.CARD}/bind; usbcam ctl plug")
     took = check.until("ok")
