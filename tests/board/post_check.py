@@ -256,7 +256,7 @@ class PostCheck(Findings):
         print(f"       the post took {int(memory[1]) / 1024:.0f} MB at most")
 
     def parts(self):
-        """Everything, in an order in which each part finds what it needs: a running post, or from `ends` on none but in `by_chance`."""
+        """Everything, in order: up to `ends` each part finds a running post and leaves one, from there on none."""
         return [
             self.pictures, self.camera_faults, lambda: faults.camera_and_display_gone(self), self.display_faults,
             lambda: faults.monitor_moved(self), self.clock_faults, self.no_leak, self.ends, self.by_gbm,
