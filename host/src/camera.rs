@@ -276,12 +276,18 @@ pub fn take_series(
 fn take_one(camera: &mut dyn Camera, exposure: Exposure, into: &mut Frame) -> Result<(), CameraError> {
     let accepted = camera.request(exposure)?;
     let patience = camera.limits().delay_frames + 3;
+    let mut came = false;
     for _ in 0..patience {
         match camera.frame(into) {
             Ok(()) if into.exposure.same_as(&accepted) => return Ok(()),
-            Ok(()) | Err(CameraError::Timeout) => {}
+            Ok(()) => came = true,
+            Err(CameraError::Timeout) => {}
             Err(error) => return Err(error),
         }
+    }
+    // Without any frame nothing is known of their exposures.
+    if !came {
+        return Err(CameraError::Timeout);
     }
     Err(CameraError::NoSuchExposure { exposure: accepted, frames: patience })
 }

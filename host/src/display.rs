@@ -76,4 +76,9 @@ pub trait Display {
     fn trouble(&self) -> Option<&str> {
         None
     }
+
+    /// What is no trouble and should yet be known, in a few words.
+    fn note(&self) -> Option<&str> {
+        None
+    }
 }

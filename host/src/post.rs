@@ -329,8 +329,15 @@ impl<'p> Post<'p> {
             latency_ms: self.latency.newest_ms,
             latency_worst_ms: self.latency.worst_ms,
             frame: self.counters,
-            note: self.note.clone(),
+            note: self.notes(),
         }
+    }
+
+    /// What painter and display want to be known.
+    fn notes(&self) -> Option<String> {
+        let notes = [self.note.as_deref(), self.parts.display.note()];
+        let notes: Vec<&str> = notes.into_iter().flatten().collect();
+        (!notes.is_empty()).then(|| notes.join("; "))
     }
 
     fn state(&self, moment: Moment) -> String {

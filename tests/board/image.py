@@ -157,24 +157,31 @@ def resolve(names):
     return [found[name] for name in names]
 
 
-def fetch(package, cache):
-    """The package's file in the cache, downloaded and checked when it is not there yet."""
-    path = cache / "packages" / f"{package.sha256[:16]}-{package.name}.deb"
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with fresh_folder(cache) as work:
-            run("apt-get", "download", f"{package.name}:arm64", cwd=work)
-            (deb,) = work.glob("*.deb")
+def file_of(package, cache):
+    """Where the package's file is kept."""
+    return cache / "packages" / f"{package.sha256[:16]}-{package.name}.deb"
+
+
+def fetch(packages, cache):
+    """Downloads what is not in the cache yet, all at once, as apt takes a second to begin; checks it."""
+    missing = [package for package in packages if not file_of(package, cache).exists()]
+    if not missing:
+        return
+    (cache / "packages").mkdir(parents=True, exist_ok=True)
+    with fresh_folder(cache) as work:
+        run("apt-get", "download", *(f"{package.name}:arm64" for package in missing), cwd=work)
+        for package in missing:
+            (deb,) = work.glob(f"{package.name}_*.deb")
             if hashlib.sha256(deb.read_bytes()).hexdigest() != package.sha256:
                 raise BoardError(f"{package.file}: the download is not what apt announced; try again")
-            deb.rename(path)
-    return path
+            deb.rename(file_of(package, cache))
 
 
 def unpack(packages, cache, root):
     """Unpacks packages over each other."""
+    fetch(packages, cache)
     for package in packages:
-        run("dpkg-deb", "-x", str(fetch(package, cache)), str(root))
+        run("dpkg-deb", "-x", str(file_of(package, cache)), str(root))
 
 
 # ---- modules

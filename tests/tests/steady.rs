@@ -1,4 +1,4 @@
-//! The loop of a post in its steady state: no allocation in a frame, whatever the light does.
+//! The loop of a post in its steady state: no allocation in a frame, whatever the light does, and no memory kept.
 
 #![allow(clippy::unwrap_used)]
 #![allow(unsafe_code)]
@@ -19,16 +19,20 @@ use relume_tests::scene::write_courtyard;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Instant;
 
-/// The system's allocator, which counts what this thread asks of it.
+/// The system's allocator, which counts what this thread asks of it, and the bytes that all threads hold.
 struct Counting;
+
+static HELD_BYTES: AtomicI64 = AtomicI64::new(0);
 
 thread_local! {
     static COUNT: Cell<u64> = const { Cell::new(0) };
 }
 
-fn note() {
+fn note(bytes: i64) {
+    HELD_BYTES.fetch_add(bytes, Ordering::Relaxed);
     // A thread that is ending has no count any more.
     let _ = COUNT.try_with(|count| count.set(count.get() + 1));
 }
@@ -36,18 +40,19 @@ fn note() {
 // SAFETY: every call goes to the system's allocator as it came.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        note();
+        note(layout.size() as i64);
         // SAFETY: as the caller promises.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        HELD_BYTES.fetch_sub(layout.size() as i64, Ordering::Relaxed);
         // SAFETY: as the caller promises.
         unsafe { System.dealloc(memory, layout) }
     }
 
     unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        note();
+        note(size as i64 - layout.size() as i64);
         // SAFETY: as the caller promises.
         unsafe { System.realloc(memory, layout, size) }
     }
@@ -74,8 +79,8 @@ impl SkySource for Drifting {
     }
 }
 
-/// Notes how much was allocated from frame to frame, in room that is there already.
-struct Watching(Rc<RefCell<Vec<u64>>>, (usize, usize), u64);
+/// Notes how often memory was asked for from frame to frame, and the bytes held, in room that is there already.
+struct Watching(Rc<RefCell<Vec<(u64, i64)>>>, (usize, usize), u64);
 
 impl Display for Watching {
     fn size(&self) -> (usize, usize) {
@@ -84,11 +89,14 @@ impl Display for Watching {
 
     fn present(&mut self, _frame: &Frame<'_>) -> Result<(), DisplayError> {
         let now = COUNT.with(Cell::get);
-        self.0.borrow_mut().push(now - self.2);
+        self.0.borrow_mut().push((now - self.2, HELD_BYTES.load(Ordering::Relaxed)));
         self.2 = now;
         Ok(())
     }
 }
+
+/// Bytes that the last frame may hold more than the hundredth: less than one each of 100,000 frames could leave.
+const MOST_GAINED_BYTES: i64 = 4096;
 
 /// Frames; more by `RELUME_STEADY_FRAMES`.
 fn frames() -> usize {
@@ -127,12 +135,16 @@ fn frames_of_a_drifting_sky_allocate_nothing() {
     let report = Post::new(&config, parts).run(&Signals::default()).unwrap();
     assert!(report.frames_changed > frames() as u64 / 2, "the sky drifts: {}", report.frames_changed);
     let counts = counts.borrow();
-    assert!(counts[0] > 0, "the first frame makes room; the counter counts");
+    assert!(counts[0].0 > 0, "the first frame makes room; the counter counts");
     // The first hundred warm up. Once a second the state is put in words for the labels before a frame is presented, and
     // written after that: both allocate.
     let steady = &counts[100..];
-    let busy = steady.iter().filter(|&&count| count > 0).count();
+    let busy = steady.iter().filter(|&&(count, _)| count > 0).count();
     let seconds = begun.elapsed().as_secs() as usize;
     eprintln!("{} frames in {seconds} s, {busy} with allocations", steady.len());
     assert!(busy <= 3 + 2 * seconds, "{busy} of {} frames in {seconds} s allocate", steady.len());
+    // Words of other lengths in the state, and no more.
+    let (first, last) = (steady[0].1, steady[steady.len() - 1].1);
+    eprintln!("bytes held: {first} after the first hundred frames, {last} at the end");
+    assert!(last - first < MOST_GAINED_BYTES, "{} bytes more are held at the end", last - first);
 }

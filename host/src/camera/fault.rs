@@ -125,6 +125,8 @@ mod tests {
         let mut frames = Vec::new();
         take_series(&mut camera(vec![(1..3, Fault::Timeout)]), &SERIES, &mut frames).unwrap();
         assert_eq!(frames.len(), 2);
+        let silent = take_series(&mut camera(vec![(0..99, Fault::Timeout)]), &SERIES, &mut frames);
+        assert!(matches!(silent, Err(CameraError::Timeout)), "no frame at all: {silent:?}");
         take_series(&mut camera(vec![(2..99, Fault::Lost)]), &SERIES, &mut frames).unwrap();
         assert_eq!(frames.len(), 1);
         let mut lost = camera(vec![(0..2, Fault::Lost)]);

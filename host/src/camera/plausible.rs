@@ -113,6 +113,7 @@ fn look(frame: &Frame) -> Look {
 pub struct Plausible<C> {
     inner: C,
     fault: Option<PictureFault>,
+    is_black: bool,
     last: Option<(u64, Exposure)>,
     repeats: u32,
 }
@@ -120,12 +121,17 @@ pub struct Plausible<C> {
 impl<C: Camera> Plausible<C> {
     /// Watches a camera.
     pub fn new(inner: C) -> Self {
-        Plausible { inner, fault: None, last: None, repeats: 0 }
+        Plausible { inner, fault: None, is_black: false, last: None, repeats: 0 }
     }
 
     /// What was wrong with the newest picture, or is still wrong with the camera.
     pub fn fault(&self) -> Option<PictureFault> {
         self.fault
+    }
+
+    /// Whether the newest picture was black, at whatever exposure.
+    pub fn is_black(&self) -> bool {
+        self.is_black
     }
 
     /// The camera inside.
@@ -154,6 +160,7 @@ impl<C: Camera> Plausible<C> {
 
     fn judge(&mut self, frame: &Frame) -> Option<PictureFault> {
         let look = look(frame);
+        self.is_black = look.black;
         let limits = self.inner.limits();
         let asked = frame.exposure.product_s();
         if look.shades < 10.0 * LEAST_SHADES {

@@ -6,30 +6,38 @@ mod card;
 mod output;
 mod pipe;
 mod screen;
+mod socket;
+mod trouble;
 
 pub use card::Card;
 pub use output::connector_name;
 
 use super::config::{BufferKind, KmsConfig};
 use super::{Display, DisplayError, Frame};
-use screen::{Look, Screen, Socket};
-use std::io;
-use std::path::{Path, PathBuf};
+use screen::Screen;
+use socket::{CLASS, Look, Sockets};
+use std::path::Path;
 use std::time::{Duration, Instant};
+use trouble::{Cure, Trouble};
 
-/// How often the socket is looked at, and a lost screen is tried again.
+/// How often the socket is looked at, and a lost screen is tried again where that costs nothing.
 const LOOK_EVERY: Duration = Duration::from_millis(500);
+/// How often a screen is tried again whose trouble has no known cure.
+const TRY_EVERY: Duration = Duration::from_secs(2);
+/// How often a card is asked for its monitors where the kernel does not tell of them; its own polling is as slow.
+const ASK_EVERY: Duration = Duration::from_secs(10);
 
 /// A display behind a DRM card.
 pub struct Kms {
     config: KmsConfig,
     picture: (usize, usize),
     screen: Option<Screen>,
-    /// Where the last screen was plugged in.
-    socket: Option<Socket>,
-    trouble: Option<String>,
+    /// Why there is no screen, and the same in words.
+    trouble: Option<(Trouble, String)>,
+    /// How the sockets were when a screen was last tried.
+    sockets: Sockets,
+    tried: Instant,
     looked: Instant,
-    opened: u64,
 }
 
 impl Kms {
@@ -39,19 +47,20 @@ impl Kms {
     /// [`DisplayError::Screen`] where the card, connector or mode is not there, or another program has it. Nothing plugged
     /// in is no error: the monitor may be switched on later.
     pub fn open(config: &KmsConfig, picture: (usize, usize)) -> Result<Self, DisplayError> {
+        let now = Instant::now();
         let mut display = Kms {
             config: config.clone(),
             picture,
             screen: None,
-            socket: None,
             trouble: None,
-            looked: Instant::now(),
-            opened: 0,
+            sockets: Sockets::look(Path::new(CLASS)),
+            tried: now,
+            looked: now,
         };
         display.find();
-        match (&display.screen, &display.trouble) {
-            (None, Some(trouble)) if !trouble.starts_with(NOTHING) => Err(DisplayError::Screen(trouble.clone())),
-            _ => Ok(display),
+        match &display.trouble {
+            None | Some((Trouble::Unplugged(_), _)) => Ok(display),
+            Some((_, words)) => Err(DisplayError::Screen(words.clone())),
         }
     }
 
@@ -59,56 +68,78 @@ impl Kms {
     pub fn words(&self) -> String {
         match (&self.screen, &self.trouble) {
             (Some(screen), _) => screen.words(),
-            (None, trouble) => trouble.clone().unwrap_or_default(),
+            (None, Some((_, words))) => words.clone(),
+            (None, None) => String::new(),
         }
     }
 
     /// Takes the first card that does.
     fn find(&mut self) {
+        self.tried = Instant::now();
         let cards = self.config.card.as_ref().map_or_else(Card::all, |card| vec![card.clone()]);
-        let mut trouble = "no display card in /dev/dri".to_string();
+        let mut trouble = Trouble::NoCard;
         for card in &cards {
             match Screen::open(card, &self.config, self.picture) {
                 Ok(screen) => {
                     eprintln!("display: {}", screen.words());
-                    self.socket = Some(screen.socket().clone());
                     (self.screen, self.trouble) = (Some(screen), None);
-                    self.opened += 1;
                     return;
                 }
-                Err(reason) => trouble = reason,
+                // A card that only computes hides none that could show.
+                Err(Trouble::NoDisplay(_)) if trouble != Trouble::NoCard => {}
+                Err(found) => trouble = found,
             }
         }
         self.lose(trouble);
     }
 
-    fn lose(&mut self, trouble: String) {
+    fn lose(&mut self, trouble: Trouble) {
         self.screen = None;
-        if self.trouble.as_ref() != Some(&trouble) {
-            eprintln!("display: {trouble}");
+        let words = trouble.to_string();
+        if self.trouble().is_none_or(|before| before != words) {
+            eprintln!("display: {words}");
         }
-        self.trouble = Some(trouble);
+        self.trouble = Some((trouble, words));
     }
 
     /// Looks whether the screen is still there, or there again.
     fn look(&mut self) {
         self.looked = Instant::now();
-        match self.screen.as_ref().map(Screen::look) {
-            Some(Look::Well) => {}
-            Some(Look::Unplugged) => self.lose(format!("{NOTHING} is plugged in")),
-            Some(Look::ModeGone) => {
-                self.lose("another monitor, without this mode".into());
+        let Some(screen) = &self.screen else {
+            if self.is_worth_trying() {
                 self.find();
             }
-            // Asking a card for its monitors takes long; the socket it hung on tells whether that is worth it.
-            None if self.socket.as_ref().and_then(Socket::is_plugged) == Some(false) => {}
-            None => self.find(),
+            return;
+        };
+        let found = screen.look();
+        if found == Look::Well {
+            return;
+        }
+        self.sockets = Sockets::look(Path::new(CLASS));
+        self.lose(match found {
+            Look::Gone => Trouble::Gone(screen.node().to_path_buf()),
+            _ => Trouble::Unplugged(screen.name().to_string()),
+        });
+        // The monitor may offer other modes now, or hang on another socket.
+        if found != Look::Gone {
+            self.find();
         }
     }
-}
 
-/// How troubles begin that a monitor plugged in cures.
-const NOTHING: &str = "nothing";
+    /// Whether anything has changed, or enough time has passed, since a screen was last tried.
+    fn is_worth_trying(&mut self) -> bool {
+        let sockets = Sockets::look(Path::new(CLASS));
+        let (changed, told) = (sockets != self.sockets, sockets.are_told());
+        self.sockets = sockets;
+        let waited = self.tried.elapsed();
+        changed
+            || match self.trouble.as_ref().map(|(trouble, _)| trouble.cure()) {
+                Some(Cure::Monitor) => !told && waited >= ASK_EVERY,
+                Some(Cure::Patience) => waited >= TRY_EVERY,
+                Some(Cure::Card) | None => true,
+            }
+    }
+}
 
 impl Display for Kms {
     fn size(&self) -> (usize, usize) {
@@ -125,43 +156,24 @@ impl Display for Kms {
         if let Some(screen) = &mut self.screen
             && let Err(error) = screen.show(frame)
         {
-            let node = self.config.card.clone().unwrap_or_else(|| PathBuf::from("the display card"));
-            self.lose(refusal(&node, &error));
+            let trouble = Trouble::of(screen.node(), &error);
+            self.lose(trouble);
         }
         Ok(())
     }
 
     fn trouble(&self) -> Option<&str> {
-        self.trouble.as_deref()
+        self.trouble.as_ref().map(|(_, words)| words.as_str())
     }
-}
 
-/// Why a card refuses, in one line that says what to do.
-fn refusal(node: &Path, error: &io::Error) -> String {
-    use rustix::io::Errno;
-    let node = node.display();
-    match error.raw_os_error().map(Errno::from_raw_os_error) {
-        Some(Errno::NODEV | Errno::NXIO | Errno::NOENT) => format!("{node} is not there"),
-        Some(Errno::BUSY) => format!("{node} may not be used: another program shows on it; stop it (a desktop?)"),
-        Some(Errno::ACCESS | Errno::PERM) => format!("{node} may not be used; add this user to the group video"),
-        _ if error.kind() == io::ErrorKind::TimedOut => format!("{node} does not flip"),
-        _ => format!("{node}: {error}"),
+    fn note(&self) -> Option<&str> {
+        self.screen.as_ref().and_then(Screen::note)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rustix::io::Errno;
-
-    #[test]
-    fn a_card_that_refuses_says_what_to_do() {
-        let told = |errno: Errno| refusal(Path::new("/dev/dri/card0"), &errno.into());
-        assert_eq!(told(Errno::NODEV), "/dev/dri/card0 is not there");
-        assert!(told(Errno::BUSY).contains("another program shows on it"));
-        assert!(told(Errno::ACCESS).contains("group video"));
-        assert!(refusal(Path::new("a"), &io::ErrorKind::TimedOut.into()).contains("does not flip"));
-    }
 
     #[test]
     fn a_card_that_is_not_there_is_no_display() {

@@ -2,6 +2,7 @@
 
 use super::{SkyFault, SkyReading, SkySource, SunSource};
 use crate::bracket::{MergeSettings, Merged, Merger, Planner};
+use crate::camera::plausible::{PictureFault, Plausible};
 use crate::camera::replay::ReplayCamera;
 use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
 use crate::camera::{Camera, CameraError, Exposure, Frame, take_series};
@@ -20,11 +21,13 @@ const SERIES: usize = 4;
 const LONGEST_AGE: std::time::Duration = std::time::Duration::from_secs(60);
 /// Series that a camera may take until its exposures fit the light.
 const ATTEMPTS: usize = 5;
+/// With the sun higher than this no sky is black to a camera, under whatever clouds, degrees.
+const DAY_ALTITUDE_DEG: f64 = 5.0;
 
 enum Device {
     Synthetic(Box<SyntheticCamera>),
     Replay(ReplayCamera, Vec<Exposure>),
-    Live(Box<dyn Camera>),
+    Live(Box<Plausible<Box<dyn Camera>>>),
 }
 
 /// A camera's series as weights.
@@ -57,7 +60,8 @@ impl CapturedSky {
         Self::with_device(open_device(config, north_deg)?, config, patches, north_deg)
     }
 
-    /// The same with a real camera that is open, whose lens the post's file names.
+    /// The same with a real camera that is open, whose lens the post's file names. Its pictures are looked at before they are
+    /// used.
     ///
     /// # Errors
     /// What is wrong with lens and response, in one line.
@@ -67,7 +71,7 @@ impl CapturedSky {
         patches: PatchSet,
         north_deg: f64,
     ) -> anyhow::Result<Self> {
-        Self::with_device(Device::Live(camera), config, patches, north_deg)
+        Self::with_device(Device::Live(Box::new(Plausible::new(camera))), config, patches, north_deg)
     }
 
     fn with_device(device: Device, config: &Config, patches: PatchSet, north_deg: f64) -> anyhow::Result<Self> {
@@ -142,6 +146,21 @@ impl CapturedSky {
         None
     }
 
+    /// Whether the newest series shows the sky. A black one by day does not: exposures still climb, and nothing is new.
+    ///
+    /// # Errors
+    /// When it is black by day and no longer exposure is left.
+    fn shows(&self, sun: Option<SunPosition>) -> Result<bool, SkyFault> {
+        let Device::Live(camera) = &self.device else { return Ok(true) };
+        let is_day = sun.is_some_and(|sun| sun.altitude_deg >= DAY_ALTITUDE_DEG);
+        // The longest exposure of a series comes last.
+        match camera.fault() {
+            _ if !(is_day && camera.is_black()) => Ok(true),
+            Some(PictureFault::Black) => Err(fault(CameraError::Implausible(PictureFault::Black))),
+            _ => Ok(false),
+        }
+    }
+
     /// Where the sun stood when the frames were taken; a recording's own time comes first.
     fn sun(&self, moment: Moment) -> Option<SunPosition> {
         let recorded = matches!(self.device, Device::Replay(..)) && self.merged.captured_at_s > 0.0;
@@ -196,8 +215,11 @@ fn response(config: &Config, device: &Device) -> anyhow::Result<Response> {
 impl SkySource for CapturedSky {
     fn read(&mut self, moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault> {
         self.take(moment.unix_s)?;
-        let taken = self.taken();
-        let captured = self.capture.weights(&self.merged, self.sun(moment)).map_err(failed)?;
+        let (taken, sun) = (self.taken(), self.sun(moment));
+        if !self.shows(sun)? {
+            return Ok(false);
+        }
+        let captured = self.capture.weights(&self.merged, sun).map_err(failed)?;
         let sun = match captured.sun_source {
             capture::SunSource::Measured => SunSource::Measured,
             capture::SunSource::ClearSkyModel => SunSource::Model,
@@ -213,7 +235,11 @@ impl SkySource for CapturedSky {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::CameraLimits;
     use crate::sky_source::simulated::SimulatedSky;
+    use std::path::Path;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
 
     #[test]
     fn a_synthetic_camera_measures_the_sky_it_stands_under() {
@@ -241,5 +267,66 @@ mod tests {
         let mut reading = SkyReading::default();
         camera.read(Moment { unix_s: 1_782_052_000.0, trusted: false }, &mut reading).unwrap();
         assert!(reading.weights.sun.is_none());
+    }
+
+    /// A camera whose lens may be covered.
+    struct Capped(SyntheticCamera, Arc<AtomicBool>);
+
+    impl Camera for Capped {
+        fn limits(&self) -> CameraLimits {
+            self.0.limits()
+        }
+
+        fn request(&mut self, exposure: Exposure) -> Result<Exposure, CameraError> {
+            self.0.request(exposure)
+        }
+
+        fn frame(&mut self, into: &mut Frame) -> Result<(), CameraError> {
+            self.0.frame(into)?;
+            if self.1.load(Ordering::Relaxed) {
+                into.codes_u8(into.width, into.height).fill(2);
+            }
+            Ok(())
+        }
+    }
+
+    /// A post's file for a camera of 64x64 pixels.
+    fn real_camera(folder: &Path) -> Config {
+        let lens = format!(
+            r#"{{"model":"equidistant","focal_px":20,"center_px":[32,32],"width":64,"height":64,"camera_to_world":{:?}}}"#,
+            crate::lens::ZENITH_NORTH_UP
+        );
+        std::fs::write(folder.join("lens.json"), lens).unwrap();
+        let file = folder.join("POST.toml");
+        let text = "field = 'a'\nsky = 'camera'\n[site]\nlatitude = 48.0\nlongitude = 11.0\n[camera]\ndevice = '/dev/null'\n\
+                    lens = 'lens.json'\n[display]\nkind = 'headless'\nfolder = 'o'\n";
+        std::fs::write(&file, text).unwrap();
+        Config::load(&file).unwrap()
+    }
+
+    #[test]
+    fn a_cap_on_the_lens_by_day_is_no_night() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = real_camera(folder.path());
+        let is_capped = Arc::new(AtomicBool::new(false));
+        let noon = SunPosition { azimuth_deg: 180.0, altitude_deg: 60.0 };
+        let (width, height, sun) = (64, 64, Some(noon));
+        let synthetic = SyntheticCamera::new(SyntheticSettings { width, height, sun, ..SyntheticSettings::default() });
+        let camera = Box::new(Capped(synthetic, Arc::clone(&is_capped)));
+        let mut sky = CapturedSky::with_camera(camera, &config, PatchSet::new(64).unwrap(), 0.0).unwrap();
+        let day = Moment { unix_s: 1_782_036_000.0, trusted: true };
+        let (night, lost) = (Moment { unix_s: day.unix_s + 43_200.0, ..day }, Moment { trusted: false, ..day });
+        let mut reading = SkyReading::default();
+        assert!(sky.read(day, &mut reading).unwrap());
+        is_capped.store(true, Ordering::Relaxed);
+        let told = (0..10).map(|_| sky.read(day, &mut reading)).find(|read| !matches!(read, Ok(false))).unwrap();
+        assert!(told.unwrap_err().to_string().contains("cap on the lens"));
+        assert!(sky.read(day, &mut reading).is_err(), "and it stays told");
+        for dark in [night, lost] {
+            assert!(sky.read(dark, &mut reading).unwrap(), "who knows that it is day?");
+        }
+        is_capped.store(false, Ordering::Relaxed);
+        assert!((0..10).any(|_| sky.read(day, &mut reading).is_ok_and(|new| new)));
+        assert!(reading.weights.radiance[0][1] > 0.0);
     }
 }

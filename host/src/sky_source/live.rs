@@ -2,7 +2,6 @@
 
 use super::captured::CapturedSky;
 use super::{SkyFault, SkyReading, SkySource};
-use crate::camera::plausible::Plausible;
 use crate::camera::reopen::{Patience, Reopening};
 use crate::camera::v4l2::{GainModel, V4l2Camera, V4l2Settings};
 use crate::clock::Moment;
@@ -33,10 +32,10 @@ impl LiveSky {
     }
 }
 
-/// A real camera that is opened again when it is lost, and whose pictures are looked at before they are used.
+/// A real camera that is opened again when it is lost.
 fn open(config: &Config, patches: PatchSet, north_deg: f64) -> anyhow::Result<CapturedSky> {
     let camera = Reopening::open(V4l2Camera::opener(v4l2_settings(config)?), Patience::default())?;
-    CapturedSky::with_camera(Box::new(Plausible::new(camera)), config, patches, north_deg)
+    CapturedSky::with_camera(Box::new(camera), config, patches, north_deg)
 }
 
 /// What the post's file asks of a real camera.

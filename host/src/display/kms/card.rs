@@ -13,16 +13,18 @@ pub struct Card {
 }
 
 impl Card {
-    /// Opens a card's node, such as `/dev/dri/card0`.
+    /// Opens a card's node, such as `/dev/dri/card0`, or a link to it.
     ///
     /// # Errors
     /// What the system says.
     pub fn open(path: &Path) -> io::Result<Self> {
-        let file = File::options().read(true).write(true).open(path)?;
-        Ok(Card { file, path: path.to_path_buf() })
+        // A link, such as one of /dev/dri/by-path, has another name than the card has in /sys.
+        let path = fs::canonicalize(path)?;
+        let file = File::options().read(true).write(true).open(&path)?;
+        Ok(Card { file, path })
     }
 
-    /// The node.
+    /// The node; no link.
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -2,6 +2,7 @@
 
 use super::KmsConfig;
 use super::card::Card;
+use super::trouble::Trouble;
 use crate::display::config::{ModeWish, Rotation};
 use drm::control::{Device as _, Mode, ModeTypeFlags, PlaneType, ResourceHandle, connector, crtc, plane, property};
 
@@ -52,6 +53,8 @@ pub(super) struct Output {
     pub(super) mode: Mode,
     /// How the panel is built in, turned back.
     pub(super) orientation: Rotation,
+    /// That it is not the socket asked for.
+    pub(super) note: Option<String>,
 }
 
 /// A connector's name as the kernel writes it.
@@ -59,37 +62,65 @@ pub fn connector_name(info: &connector::Info) -> String {
     format!("{}-{}", info.interface().as_str(), info.interface_id())
 }
 
-impl Output {
-    /// Finds the socket and mode that the post's file asks for.
-    ///
-    /// # Errors
-    /// What is not there, in one line with what is.
-    pub(super) fn find(card: &Card, config: &KmsConfig, picture: (usize, usize)) -> Result<Self, String> {
-        let path = card.path().display();
-        let resources = card.resource_handles().map_err(|error| format!("{path} drives no display: {error}"))?;
-        let infos = resources.connectors().iter().filter_map(|&handle| card.get_connector(handle, true).ok());
-        let infos: Vec<connector::Info> = infos.collect();
-        let names: Vec<String> = infos.iter().map(connector_name).collect();
-        let asked = |name: &String| config.connector.as_ref().is_none_or(|wanted| wanted == name);
-        if !names.iter().any(asked) {
-            let wanted = config.connector.as_deref().unwrap_or_default();
-            return Err(format!("{path} has no connector {wanted}; it has {}", names.join(" ")));
-        }
-        let plugged = infos.iter().zip(&names).find(|(info, name)| {
-            asked(name) && info.state() == connector::State::Connected && !info.modes().is_empty()
-        });
-        let (info, name) = plugged.ok_or_else(|| match &config.connector {
-            Some(wanted) => format!("nothing is plugged into {wanted}"),
-            None => format!("nothing is plugged into {path}"),
-        })?;
-        let orientation = orientation(card, info.handle());
-        let need = config.rotation.and(orientation).turned(picture);
-        let facts: Vec<ModeFacts> = info.modes().iter().map(ModeFacts::of).collect();
-        let at = choose_mode(&facts, config.mode, need).ok_or_else(|| no_mode(name, config.mode, need, &facts))?;
-        let crtc =
-            free_crtc(card, &resources, info).ok_or_else(|| format!("{path} has nothing to drive {name} with"))?;
-        Ok(Output { connector: info.handle(), name: name.clone(), crtc, mode: info.modes()[at], orientation })
+/// What is known of a socket when one is chosen.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SocketFacts<'a> {
+    pub(super) name: &'a str,
+    pub(super) plugged: bool,
+}
+
+/// The number of the socket to use: the one asked for, else the first with a display. Where the one asked for does not exist,
+/// its name may have changed with a driver that was loaded again or a new kernel: the only display of its kind, or the only
+/// one at all, is the one that was meant.
+///
+/// # Errors
+/// Why there is none; `card` is what the words call the card.
+pub(super) fn choose_socket(card: &str, sockets: &[SocketFacts<'_>], wanted: Option<&str>) -> Result<usize, Trouble> {
+    let plugged = |at: &usize| sockets[*at].plugged;
+    let Some(wanted) = wanted else {
+        return (0..sockets.len()).find(plugged).ok_or_else(|| Trouble::Unplugged(card.into()));
+    };
+    if let Some(at) = sockets.iter().position(|socket| socket.name == wanted) {
+        return Some(at).filter(plugged).ok_or_else(|| Trouble::Unplugged(wanted.into()));
     }
+    let kind = |name: &str| name.rsplit_once('-').map(|(kind, _)| kind.to_string());
+    let all: Vec<usize> = (0..sockets.len()).filter(plugged).collect();
+    let alike: Vec<usize> = all.iter().copied().filter(|&at| kind(sockets[at].name) == kind(wanted)).collect();
+    let names = sockets.iter().map(|socket| socket.name).collect::<Vec<_>>().join(" ");
+    match (&alike[..], &all[..]) {
+        (&[only], _) | (_, &[only]) => Ok(only),
+        (_, []) => Err(Trouble::Unplugged(format!("{card}, which has no {wanted}; it has {names}"))),
+        _ => Err(Trouble::Unfit(format!("{card} has no connector {wanted}; it has {names}"))),
+    }
+}
+
+/// Finds the socket and mode that the post's file asks for; asks all monitors, which takes long.
+///
+/// # Errors
+/// What is not there, with what is.
+pub(super) fn choose_output(card: &Card, config: &KmsConfig, picture: (usize, usize)) -> Result<Output, Trouble> {
+    let path = card.path().display().to_string();
+    let resources = card.resource_handles().map_err(|_| Trouble::NoDisplay(card.path().to_path_buf()))?;
+    let infos = resources.connectors().iter().filter_map(|&handle| card.get_connector(handle, true).ok());
+    let infos: Vec<connector::Info> = infos.collect();
+    let names: Vec<String> = infos.iter().map(connector_name).collect();
+    let facts = infos.iter().zip(&names).map(|(info, name)| SocketFacts {
+        name,
+        plugged: info.state() == connector::State::Connected && !info.modes().is_empty(),
+    });
+    let wanted = config.connector.as_deref();
+    let at = choose_socket(&path, &facts.collect::<Vec<_>>(), wanted)?;
+    let (info, name) = (&infos[at], names[at].clone());
+    let note = wanted.filter(|&wanted| wanted != name);
+    let note = note.map(|wanted| format!("no connector {wanted} any more; {name} is used, the display that is there"));
+    let orientation = orientation(card, info.handle());
+    let need = config.rotation.and(orientation).turned(picture);
+    let facts: Vec<ModeFacts> = info.modes().iter().map(ModeFacts::of).collect();
+    let mode = choose_mode(&facts, config.mode, need);
+    let mode = mode.ok_or_else(|| Trouble::Unfit(no_mode(&name, config.mode, need, &facts)))?;
+    let crtc = free_crtc(card, &resources, &infos, info)
+        .ok_or_else(|| Trouble::Unfit(format!("{path} has nothing to drive {name} with")))?;
+    Ok(Output { connector: info.handle(), name, crtc, mode: info.modes()[mode], orientation, note })
 }
 
 fn no_mode(name: &str, wish: Option<ModeWish>, need: (usize, usize), modes: &[ModeFacts]) -> String {
@@ -103,14 +134,23 @@ fn no_mode(name: &str, wish: Option<ModeWish>, need: (usize, usize), modes: &[Mo
     }
 }
 
-/// The CRTC that drives a connector now, else one that may.
-fn free_crtc(card: &Card, resources: &drm::control::ResourceHandles, info: &connector::Info) -> Option<crtc::Handle> {
-    let now = info.current_encoder().and_then(|handle| card.get_encoder(handle).ok()?.crtc());
-    let may = || {
-        let encoders = info.encoders().iter().filter_map(|&handle| card.get_encoder(handle).ok());
-        encoders.flat_map(|encoder| resources.filter_crtcs(encoder.possible_crtcs())).next()
-    };
-    now.or_else(may)
+/// The CRTC that drives a connector now, else one that may: rather one that drives no other connector, even an empty one,
+/// whose console it may still show.
+fn free_crtc(
+    card: &Card,
+    resources: &drm::control::ResourceHandles,
+    infos: &[connector::Info],
+    info: &connector::Info,
+) -> Option<crtc::Handle> {
+    let driver =
+        |info: &connector::Info| info.current_encoder().and_then(|handle| card.get_encoder(handle).ok()?.crtc());
+    if let Some(now) = driver(info) {
+        return Some(now);
+    }
+    let busy: Vec<crtc::Handle> = infos.iter().filter_map(driver).collect();
+    let encoders = info.encoders().iter().filter_map(|&handle| card.get_encoder(handle).ok());
+    let may: Vec<_> = encoders.flat_map(|encoder| resources.filter_crtcs(encoder.possible_crtcs())).collect();
+    may.iter().find(|crtc| !busy.contains(crtc)).or(may.first()).copied()
 }
 
 /// How the kernel says that the panel is built in, turned back.
@@ -173,5 +213,23 @@ mod tests {
         assert_eq!(choose_mode(&modes(), None, (640, 480)), Some(0));
         assert_eq!(choose_mode(&modes(), None, (1600, 900)), Some(2));
         assert_eq!(choose_mode(&modes(), None, (4000, 900)), None);
+    }
+
+    #[test]
+    fn a_socket_whose_name_has_changed_is_found_when_only_one_can_be_meant() {
+        let facts = |list: &[(&'static str, bool)]| {
+            list.iter().map(|&(name, plugged)| SocketFacts { name, plugged }).collect::<Vec<_>>()
+        };
+        let chosen = |list: &[(&'static str, bool)], wanted| choose_socket("card0", &facts(list), wanted);
+        let pair = [("HDMI-A-1", false), ("HDMI-A-2", true)];
+        assert_eq!(chosen(&pair, None), Ok(1));
+        assert_eq!(chosen(&pair, Some("HDMI-A-2")), Ok(1));
+        assert_eq!(chosen(&pair, Some("HDMI-A-1")), Err(Trouble::Unplugged("HDMI-A-1".into())), "not its neighbour");
+        assert_eq!(chosen(&[("Virtual-2", true)], Some("Virtual-1")), Ok(0));
+        assert_eq!(chosen(&[("DP-1", true), ("HDMI-A-3", true), ("HDMI-A-4", false)], Some("HDMI-A-1")), Ok(1));
+        assert_eq!(chosen(&[("DP-1", false), ("DSI-1", true)], Some("HDMI-A-1")), Ok(1));
+        let both = chosen(&[("HDMI-A-3", true), ("HDMI-A-4", true)], Some("HDMI-A-1"));
+        assert_eq!(both.unwrap_err().to_string(), "card0 has no connector HDMI-A-1; it has HDMI-A-3 HDMI-A-4");
+        assert!(matches!(chosen(&[("HDMI-A-3", false)], Some("HDMI-A-1")), Err(Trouble::Unplugged(_))));
     }
 }

@@ -3,14 +3,15 @@
 use super::KmsConfig;
 use super::buffer::{ScreenBuffer, fourcc, open_gbm};
 use super::card::Card;
-use super::output::Output;
+use super::output::choose_output;
 use super::pipe::Pipe;
+use super::socket::{CLASS, Look, Socket};
+use super::trouble::Trouble;
 use crate::display::Frame;
 use crate::display::pack::Placement;
-use drm::Device as _;
-use std::fs;
+use drm::{Device as _, DriverCapability};
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -24,54 +25,22 @@ pub(super) struct Screen {
     buffers: [ScreenBuffer; 2],
     back: usize,
     placement: Placement,
+    card: Rc<Card>,
     socket: Socket,
     by_gbm: bool,
-}
-
-/// A connector in `/sys`: reading its state there asks the kernel, not the monitor, and takes microseconds.
-#[derive(Clone, Debug)]
-pub(super) struct Socket {
-    folder: PathBuf,
-}
-
-impl Socket {
-    pub(super) fn new(card: &Path, connector: &str) -> Self {
-        let card = card.file_name().unwrap_or_default().to_string_lossy();
-        Socket { folder: Path::new("/sys/class/drm").join(format!("{card}-{connector}")) }
-    }
-
-    /// `None`: the kernel does not say.
-    pub(super) fn is_plugged(&self) -> Option<bool> {
-        let state = fs::read_to_string(self.folder.join("status")).ok()?;
-        Some(state.trim() == "connected")
-    }
-
-    /// Does the monitor that is there now still offer a mode of this name (`1920x1080`)? `true` if the kernel does not say.
-    fn offers(&self, mode: &str) -> bool {
-        let modes = fs::read_to_string(self.folder.join("modes"));
-        modes.map_or(true, |modes| modes.lines().any(|line| line.trim() == mode))
-    }
-}
-
-/// What a look at the socket found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Look {
-    Well,
-    Unplugged,
-    ModeGone,
 }
 
 impl Screen {
     /// Takes the card and the output that the post's file asks for, for pictures of `picture` pixels.
     ///
     /// # Errors
-    /// Why not, in one line.
-    pub(super) fn open(path: &Path, config: &KmsConfig, picture: (usize, usize)) -> Result<Self, String> {
-        let card = Card::open(path).map_err(|error| super::refusal(path, &error))?;
-        card.acquire_master_lock().map_err(|error| super::refusal(path, &error))?;
-        let card = Rc::new(card);
-        let output = Output::find(&card, config, picture)?;
-        let socket = Socket::new(path, &output.name);
+    /// Why not.
+    pub(super) fn open(path: &Path, config: &KmsConfig, picture: (usize, usize)) -> Result<Self, Trouble> {
+        let refused = |error: io::Error| Trouble::of(path, &error);
+        let card = Rc::new(Card::open(path).map_err(|error| Trouble::of_opening(path, &error))?);
+        card.acquire_master_lock().map_err(refused)?;
+        let output = choose_output(&card, config, picture)?;
+        let socket = Socket::new(Path::new(CLASS), card.path(), &output.name);
         let (rotation, name) = (config.rotation.and(output.orientation), output.name.clone());
         let (width, height) = output.mode.size();
         let size = (usize::from(width), usize::from(height));
@@ -79,24 +48,22 @@ impl Screen {
         if let Some(formats) = pipe.formats()
             && !formats.contains(&(fourcc(config.format) as u32))
         {
-            return Err(format!("{name} does not take {}; leave display.format out", fourcc(config.format)));
+            return Err(Trouble::Unfit(format!(
+                "{name} does not take {}; leave display.format out",
+                fourcc(config.format)
+            )));
         }
-        let gbm = open_gbm(&card, config.buffers, config.format);
-        let no_memory = |error: io::Error| format!("{name}: no memory for {width}x{height} pixels: {error}");
-        let both = |gbm: Option<&_>| -> io::Result<[ScreenBuffer; 2]> {
-            let one = || ScreenBuffer::new(&card, gbm, size, config.format, picture);
-            Ok([one()?, one()?])
-        };
-        let (buffers, by_gbm) = match gbm.as_ref().map(|device| both(Some(device))) {
-            Some(Ok(buffers)) => (buffers, true),
-            _ => (both(None).map_err(no_memory)?, false),
-        };
+        let (buffers, by_gbm) = both(&card, config, size, picture).map_err(|error| Trouble::System {
+            what: format!("{name}: no memory for {width}x{height} pixels: {error}"),
+        })?;
         let placement = Placement::centred(picture, size, rotation, config.format, buffers[0].stride());
         let placement = placement.ok_or_else(|| {
             let (w, h) = rotation.turned(picture);
-            format!("{name} has {width}x{height} pixels; the picture needs {w}x{h}: bake the field for this display")
+            Trouble::Unfit(format!(
+                "{name} has {width}x{height} pixels; the picture needs {w}x{h}: bake the field for this display"
+            ))
         })?;
-        Ok(Screen { pipe, buffers, back: 0, placement, socket, by_gbm })
+        Ok(Screen { pipe, buffers, back: 0, placement, card, socket, by_gbm })
     }
 
     /// What it is, in a few words.
@@ -105,23 +72,32 @@ impl Screen {
         let (width, height) = output.mode.size();
         let buffers = if self.by_gbm { "gbm" } else { "dumb" };
         let way = self.pipe.way();
-        format!("{} {width}x{height}@{}, {way}, {buffers} buffers", output.name, output.mode.vrefresh())
+        let words = format!("{} {width}x{height}@{}, {way}, {buffers} buffers", output.name, output.mode.vrefresh());
+        self.note().map_or_else(|| words.clone(), |note| format!("{words}; {note}"))
     }
 
-    /// The socket it hangs on.
-    pub(super) fn socket(&self) -> &Socket {
-        &self.socket
+    /// The socket it hangs on, such as `HDMI-A-1`.
+    pub(super) fn name(&self) -> &str {
+        &self.pipe.output().name
     }
 
-    /// Is the monitor still there, with its mode?
+    /// Its card's node.
+    pub(super) fn node(&self) -> &Path {
+        self.card.path()
+    }
+
+    /// What the installer should know of it.
+    pub(super) fn note(&self) -> Option<&str> {
+        self.pipe.output().note.as_deref()
+    }
+
+    /// Are card and monitor still there, with the mode? A picture that stands still flips nothing and would not tell.
     pub(super) fn look(&self) -> Look {
-        match self.socket.is_plugged() {
-            Some(false) => Look::Unplugged,
-            _ => {
-                let name = self.pipe.output().mode.name().to_string_lossy();
-                if self.socket.offers(&name) { Look::Well } else { Look::ModeGone }
-            }
+        // A card that was taken away answers nothing any more, though another may have come under its name.
+        if self.card.get_driver_capability(DriverCapability::DumbBuffer).is_err() {
+            return Look::Gone;
         }
+        self.socket.look(&self.pipe.output().mode.name().to_string_lossy())
     }
 
     /// Shows a picture: writes what the back buffer lacks of it, and flips. Waits for the flip before, and so keeps the
@@ -143,5 +119,23 @@ impl Screen {
         self.pipe.show(buffer.framebuffer())?;
         self.back = front;
         Ok(())
+    }
+}
+
+/// Two buffers, of GBM where that may be and can; true if they are.
+fn both(
+    card: &Rc<Card>,
+    config: &KmsConfig,
+    size: (usize, usize),
+    picture: (usize, usize),
+) -> io::Result<([ScreenBuffer; 2], bool)> {
+    let both = |gbm: Option<&_>| -> io::Result<[ScreenBuffer; 2]> {
+        let one = || ScreenBuffer::new(card, gbm, size, config.format, picture);
+        Ok([one()?, one()?])
+    };
+    let gbm = open_gbm(card, config.buffers, config.format);
+    match gbm.as_ref().map(|device| both(Some(device))) {
+        Some(Ok(buffers)) => Ok((buffers, true)),
+        _ => Ok((both(None)?, false)),
     }
 }

@@ -1,6 +1,7 @@
 //! `usbcam-probe`: reads the virtual camera through V4L2, as a program at the post does, and judges what comes.
 //!
 //! Frames must be stamped (`usbcam run --stamp`). One line per finding; exit status 1 where something is not as it must be.
+//! `hold` is also another program that has the camera, and `set` sets a control of any camera while others use it.
 
 use anyhow::{Context, bail, ensure};
 use relume_usbcam::log::monotonic_s;
@@ -14,7 +15,8 @@ use v4l::io::traits::CaptureStream;
 use v4l::video::Capture;
 use v4l::{Device, FourCC};
 
-const HELP: &str = "usbcam-probe wait | expose LATENCY LOG | rate WxH FRAMES | hold [FRAMES]";
+const HELP: &str =
+    "usbcam-probe wait | expose LATENCY LOG | rate WxH FRAMES | hold [FRAMES] | set CAMERA CONTROL VALUE";
 
 const AUTO_WHITE_BALANCE: u32 = 0x0098_090c;
 const EXPOSURE_AUTO: u32 = 0x009a_0901;
@@ -30,17 +32,23 @@ fn main() -> anyhow::Result<()> {
         ["rate", size, frames] => rate(size.parse()?, frames.parse()?),
         ["hold"] => hold(u32::MAX),
         ["hold", frames] => hold(frames.parse()?),
+        ["set", camera, control, value] => set(camera, control, value.parse()?),
         _ => bail!("{HELP}"),
     }
 }
 
-/// The camera's picture node: a UVC camera has a second one for metadata.
+/// The camera's picture node.
 fn node() -> Option<PathBuf> {
+    node_of(relume_usbcam::descriptors::PRODUCT)
+}
+
+/// The picture node of a camera by the beginning of its name: a UVC camera has a second one for metadata.
+fn node_of(name: &str) -> Option<PathBuf> {
     let class = std::fs::read_dir("/sys/class/video4linux").ok()?;
     let reads = |path: PathBuf, text: &str| std::fs::read_to_string(path).is_ok_and(|found| found.starts_with(text));
-    let found = class.flatten().find(|entry| {
-        reads(entry.path().join("name"), relume_usbcam::descriptors::PRODUCT) && reads(entry.path().join("index"), "0")
-    })?;
+    let found = class
+        .flatten()
+        .find(|entry| reads(entry.path().join("name"), name) && reads(entry.path().join("index"), "0"))?;
     Some(Path::new("/dev").join(found.file_name())).filter(|path| path.exists())
 }
 
@@ -69,6 +77,14 @@ fn open(size: Option<relume_usbcam::offer::FrameSize>) -> anyhow::Result<Device>
     device.set_control(Control { id: AUTO_WHITE_BALANCE, value: Value::Boolean(false) })?;
     device.set_control(Control { id: EXPOSURE_AUTO, value: Value::Integer(MANUAL) })?;
     Ok(device)
+}
+
+/// Sets a control by the name that the driver gives it.
+fn set(camera: &str, control: &str, value: i64) -> anyhow::Result<()> {
+    let device = Device::with_path(node_of(camera).with_context(|| format!("no camera {camera}"))?)?;
+    let controls = device.query_controls()?;
+    let found = controls.iter().find(|known| known.name == control).with_context(|| format!("no control {control}"))?;
+    Ok(device.set_control(Control { id: found.id, value: Value::Integer(value) })?)
 }
 
 fn set_exposure(device: &Device, exposure_100us: u32) -> std::io::Result<()> {
