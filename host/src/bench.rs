@@ -35,6 +35,7 @@ mod method;
 mod openblas;
 mod oracle;
 mod pca;
+pub mod postloop;
 mod relume;
 mod report;
 mod rival;

@@ -1,4 +1,4 @@
-//! Sky cameras behind one trait: real, replayed, synthetic, and any of them with faults.
+//! Cameras for the sky and the view behind one trait: real, replayed, synthetic, and any of them with faults.
 //!
 //! A camera takes a request for an exposure, which may take effect some frames later, and hands out frames that carry
 //! the exposure they were really taken with. A series is gathered by matching frames against that value.
@@ -12,6 +12,11 @@ pub mod synthetic;
 pub mod unpack;
 #[cfg(feature = "board")]
 pub mod v4l2;
+
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// Stamps further back than this are a recording's, or a clock's that has jumped.
+const LONGEST_AGE: Duration = Duration::from_secs(60);
 
 /// Exposure time and gain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -100,6 +105,13 @@ impl Default for Frame {
 }
 
 impl Frame {
+    /// When it was taken, for frames of the last minute that are stamped with the system's clock.
+    pub fn taken(&self) -> Option<Instant> {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
+        let age = Duration::try_from_secs_f64(now.as_secs_f64() - self.captured_at_s).ok()?;
+        Instant::now().checked_sub(age).filter(|_| age < LONGEST_AGE)
+    }
+
     /// Sizes the buffer for 8-bit codes and hands it out; allocates only when the size changed.
     pub fn codes_u8(&mut self, width: usize, height: usize) -> &mut [u8] {
         (self.width, self.height) = (width, height);
@@ -151,6 +163,19 @@ pub struct CameraLimits {
 }
 
 impl CameraLimits {
+    /// A camera of `size` = width and height that sets its exposure itself.
+    pub fn nothing_to_set((width, height): (usize, usize)) -> Self {
+        CameraLimits {
+            width,
+            height,
+            min_exposure_s: 0.0,
+            max_exposure_s: 0.0,
+            exposure_step_s: 0.0,
+            max_gain: 1.0,
+            delay_frames: 0,
+        }
+    }
+
     /// The exposure a camera with these limits takes when asked for another.
     pub fn nearest(&self, wanted: Exposure) -> Exposure {
         let clamped = wanted.exposure_s.clamp(self.min_exposure_s, self.max_exposure_s);

@@ -6,10 +6,12 @@
 mod display;
 mod reader;
 mod sky;
+mod view;
 
 pub use display::DisplayConfig;
 pub use reader::ConfigError;
 pub use sky::{CameraConfig, SkyKind};
+pub use view::ViewCamera;
 
 use crate::exposure::{EV_RANGE, ExposureMode};
 use crate::relight::Budget;
@@ -43,6 +45,10 @@ pub const KEYS: &[&str] = &[
     "camera.pixel_format",
     "camera.white_balance_k",
     "camera.max_gain",
+    "view_camera.device",
+    "view_camera.size",
+    "view_camera.pixel_format",
+    "view_camera.frames",
     "display.kind",
     "display.folder",
     "display.every",
@@ -126,8 +132,10 @@ pub struct Config {
     pub caption: String,
     /// The field file.
     pub field: PathBuf,
-    /// The real picture behind; black if none.
+    /// A still as the real picture behind, or until there is a live one; black if none.
     pub view: Option<PathBuf>,
+    /// The camera of a live view.
+    pub view_camera: Option<ViewCamera>,
     /// Where the light comes from.
     pub sky: SkyKind,
     /// Where the state is written.
@@ -169,6 +177,7 @@ impl Config {
             caption: r.text("caption", 400)?.unwrap_or_default(),
             field,
             view: r.path("view")?,
+            view_camera: view::view_camera(&r, &camera)?,
             sky,
             health: r.path("health")?.unwrap_or_else(|| display.health(file)),
             site,

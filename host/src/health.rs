@@ -22,6 +22,37 @@ pub enum WeightsState {
     StandIn,
 }
 
+/// Where the view shown comes from, when it is a live one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ViewState {
+    /// Fresh from its camera.
+    Fresh,
+    /// The camera fails; its last picture is held.
+    Held,
+    /// No picture yet: the still, or black, stands in.
+    StandIn,
+}
+
+/// A live view.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ViewHealth {
+    /// Where the view shown comes from.
+    pub state: ViewState,
+    /// Pictures put behind since the start.
+    pub pictures: u64,
+    /// Frames in which nothing but a new picture was put behind: the relit layer stayed as it was.
+    pub frames_composited: u64,
+    /// Times the camera failed since the start.
+    pub faults: u64,
+    /// The newest fault, in one line.
+    pub last_fault: Option<String>,
+    /// From the camera's taking of the newest picture to its presentation, ms; `None` where that is not known.
+    pub latency_ms: Option<f64>,
+    /// The worst of these since the start, ms.
+    pub latency_worst_ms: Option<f64>,
+}
+
 /// The state of a post.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Health {
@@ -49,6 +80,8 @@ pub struct Health {
     pub sky_faults: u64,
     /// The newest fault, in one line.
     pub last_fault: Option<String>,
+    /// The view, when it is a live one.
+    pub view: Option<ViewHealth>,
     /// What keeps pictures from being seen, if anything does.
     pub display: Option<String>,
     /// From the last picture of the sky that the newest light rests on to its presentation, ms; `None` without a camera.

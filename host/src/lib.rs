@@ -12,6 +12,7 @@ pub mod health;
 pub mod labels;
 pub mod lens;
 pub mod lightlog;
+pub mod newest;
 pub mod painter;
 pub mod picture;
 pub mod plot;

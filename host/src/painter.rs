@@ -43,6 +43,15 @@ pub trait Painter {
     /// When drawing is not possible at all.
     fn draw(&mut self, damage: &mut Damage) -> anyhow::Result<FrameCounters>;
 
+    /// Puts another view behind the picture from the next [`Painter::draw`] on: exchanges the pixels in use (`0x00RRGGBB`) for
+    /// `pixels_bgrx`. Painters without a view leave them.
+    fn show_view(&mut self, _pixels_bgrx: &mut Vec<u32>) {}
+
+    /// The view behind, `0x00RRGGBB`; nothing without one.
+    fn view_bgrx(&self) -> &[u32] {
+        &[]
+    }
+
     /// The whole picture, `0x00RRGGBB`, as last drawn.
     fn pixels_bgrx(&self) -> &[u32];
 }

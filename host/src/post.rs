@@ -6,7 +6,7 @@ use crate::damage::Damage;
 use crate::display::{Display, Frame};
 use crate::exposure::ExposureControl;
 use crate::failure::{Failure, OrFail};
-use crate::health::{Health, WELL, WeightsState};
+use crate::health::{Health, ViewState, WELL, WeightsState};
 use crate::labels::{Labels, News};
 use crate::lightlog::LightLog;
 use crate::painter::Painter;
@@ -14,8 +14,11 @@ use crate::picture::write_png;
 use crate::relight::FrameCounters;
 use crate::sky_source::{SkyReading, SkySource, SunSource};
 use crate::sun::{SunPosition, format_utc, position_of};
+use crate::view::live::ViewSource;
 use crate::watchdog::Watchdog;
 use crate::weights::PatchWeights;
+use behind::Behind;
+use latency::Latency;
 use relume_firmware::field::CameraRecord;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -47,6 +50,8 @@ pub struct PostReport {
 pub struct Parts<'p> {
     /// Where the light comes from.
     pub sky: Box<dyn SkySource + 'p>,
+    /// Where a live view comes from; `None` for a still.
+    pub view: Option<Box<dyn ViewSource + 'p>>,
     /// Turns weights into the picture.
     pub painter: Box<dyn Painter + 'p>,
     /// Where the picture goes.
@@ -76,7 +81,9 @@ pub struct Post<'p> {
     next: SkyReading,
     /// Do the weights wait to be relit?
     is_new: bool,
+    /// From the last picture of a sky that was relit to its presentation.
     latency: Latency,
+    behind: Option<Behind<'p>>,
     light_log: Option<LightLog>,
     watchdog: Option<Watchdog>,
     held_since_unix_s: Option<f64>,
@@ -104,21 +111,7 @@ struct Vital {
     sun: SunSource,
     trusted: bool,
     display_in_trouble: bool,
-}
-
-/// Time from the last picture of a sky that was relit to its presentation.
-#[derive(Clone, Copy, Default)]
-struct Latency {
-    newest_ms: Option<f64>,
-    worst_ms: Option<f64>,
-}
-
-impl Latency {
-    fn note(&mut self, latency: Duration) {
-        let ms = latency.as_secs_f64() * 1e3;
-        self.newest_ms = Some(ms);
-        self.worst_ms = Some(self.worst_ms.map_or(ms, |worst| worst.max(ms)));
-    }
+    view: Option<ViewState>,
 }
 
 /// An even sky of radiance 1: what stands in until there is a first measurement.
@@ -128,7 +121,7 @@ fn even_sky(patches: usize) -> SkyReading {
 
 impl<'p> Post<'p> {
     /// Puts a post together; nothing is shown yet.
-    pub fn new(config: &Config, parts: Parts<'p>) -> Self {
+    pub fn new(config: &Config, mut parts: Parts<'p>) -> Self {
         Post {
             exposure: ExposureControl::new(config.exposure),
             limits: config.limits,
@@ -139,6 +132,7 @@ impl<'p> Post<'p> {
             next: SkyReading::default(),
             is_new: true,
             latency: Latency::default(),
+            behind: parts.view.take().map(Behind::new),
             light_log: None,
             watchdog: None,
             held_since_unix_s: None,
@@ -190,6 +184,7 @@ impl<'p> Post<'p> {
             if has_ended && self.frames > 0 {
                 break ("replay ended", moment);
             }
+            self.look_behind();
             self.show(moment)?;
             self.watchdog.iter_mut().for_each(Watchdog::frame);
             self.tell(moment, false);
@@ -239,6 +234,9 @@ impl<'p> Post<'p> {
         if let (true, Some(taken)) = (is_new, self.held.taken) {
             self.latency.note(taken.elapsed());
         }
+        if let Some(behind) = &mut self.behind {
+            behind.presented(self.counters.tiles_drawn);
+        }
         self.frames += 1;
         Ok(())
     }
@@ -271,13 +269,16 @@ impl<'p> Post<'p> {
         self.held.weights.sun.map(|sun| position_of(sun.dir_world, self.parts.painter.north_deg()))
     }
 
-    /// Writes the picture shown as a PNG beside the state.
+    /// Writes the picture shown as a PNG beside the state, after a live view that is behind it.
     fn take_picture(&self) {
         let (width, height) = self.parts.painter.size();
-        let path = self.health_file.with_file_name("screenshot.png");
-        match write_png(&path, width, height, &self.shown) {
-            Ok(()) => eprintln!("screenshot: {}", path.display()),
-            Err(error) => eprintln!("screenshot: {error}"),
+        let view = self.behind.as_ref().map(|_| ("view", self.parts.painter.view_bgrx()));
+        for (name, pixels_bgrx) in view.into_iter().chain([("screenshot", &*self.shown)]) {
+            let path = self.health_file.with_file_name(name).with_extension("png");
+            match write_png(&path, width, height, pixels_bgrx) {
+                Ok(()) => eprintln!("{name}: {}", path.display()),
+                Err(error) => eprintln!("{name}: {error}"),
+            }
         }
     }
 
@@ -308,6 +309,7 @@ impl<'p> Post<'p> {
             sun: self.held.sun,
             trusted: moment.trusted,
             display_in_trouble: self.parts.display.trouble().is_some(),
+            view: self.behind.as_ref().map(Behind::state),
         }
     }
 
@@ -325,6 +327,7 @@ impl<'p> Post<'p> {
             exposure_ev: self.exposure.ev(),
             sky_faults: self.sky_faults,
             last_fault: self.last_fault.clone(),
+            view: self.behind.as_ref().map(Behind::health),
             display: self.parts.display.trouble().map(String::from),
             latency_ms: self.latency.newest_ms,
             latency_worst_ms: self.latency.worst_ms,
@@ -348,6 +351,7 @@ impl<'p> Post<'p> {
             WeightsState::Held => parts.push(format!("sky fails, last weights held: {fault}")),
             WeightsState::StandIn => parts.push(format!("no sky yet, an even one stands in: {fault}")),
         }
+        parts.extend(self.behind.as_ref().and_then(Behind::trouble));
         if let Some(trouble) = self.parts.display.trouble() {
             parts.push(format!("display: {trouble}"));
         }
@@ -358,6 +362,8 @@ impl<'p> Post<'p> {
     }
 }
 
+mod behind;
+mod latency;
 mod light;
 #[cfg(test)]
 mod tests;

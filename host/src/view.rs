@@ -1,4 +1,9 @@
-//! The view: the real picture behind. Here a still; a second camera gives the same pixels.
+//! The view: the real picture behind. A still, or a second camera's pictures, which are shown like stills.
+
+#[cfg(feature = "board")]
+pub mod device;
+pub mod fit;
+pub mod live;
 
 use std::path::{Path, PathBuf};
 

@@ -1,8 +1,9 @@
-//! The loop of a post in its steady state: no allocation in a frame, whatever the light does, and no memory kept.
+//! The loop of a post in its steady state: no allocation in a frame, whatever light and view do, and no memory kept.
 
 #![allow(clippy::unwrap_used)]
 #![allow(unsafe_code)]
 
+use relume::camera::{Camera, CameraError, CameraLimits, Exposure, Frame as CameraFrame};
 use relume::clock::{Moment, PostClock};
 use relume::config::{ClockConfig, Config};
 use relume::display::{Display, DisplayError, Frame};
@@ -12,14 +13,17 @@ use relume::post::{Parts, Post, Signals};
 use relume::relight::FieldFile;
 use relume::sky_source::{SkyFault, SkyReading, SkySource, SunSource};
 use relume::view::Still;
+use relume::view::live::{CameraView, ViewSource};
 use relume::weights::{PatchWeights, SunWeight};
 use relume_tests::files::{fresh_folder, put};
 use relume_tests::program::bake_in;
 use relume_tests::scene::write_courtyard;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::{Cell, RefCell};
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::OnceLock;
 use std::time::Instant;
 
 /// The system's allocator, which counts what this thread asks of it, and the bytes that all threads hold.
@@ -79,6 +83,25 @@ impl SkySource for Drifting {
     }
 }
 
+/// A view's camera whose every picture differs, of another size than the field.
+struct Moving(u64);
+
+impl Camera for Moving {
+    fn limits(&self) -> CameraLimits {
+        CameraLimits::nothing_to_set((96, 72))
+    }
+
+    fn request(&mut self, exposure: Exposure) -> Result<Exposure, CameraError> {
+        Ok(exposure)
+    }
+
+    fn frame(&mut self, into: &mut CameraFrame) -> Result<(), CameraError> {
+        self.0 += 1;
+        into.codes_u8(96, 72).iter_mut().enumerate().for_each(|(at, code)| *code = (at as u64 * 7 + self.0) as u8);
+        Ok(())
+    }
+}
+
 /// Notes how often memory was asked for from frame to frame, and the bytes held, in room that is there already.
 struct Watching(Rc<RefCell<Vec<(u64, i64)>>>, (usize, usize), u64);
 
@@ -103,20 +126,38 @@ fn frames() -> usize {
     std::env::var("RELUME_STEADY_FRAMES").ok().and_then(|frames| frames.parse().ok()).unwrap_or(400)
 }
 
-#[test]
-fn frames_of_a_drifting_sky_allocate_nothing() {
-    let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "steady");
-    write_courtyard(&folder);
-    let args = ["scene", "scene.glb", "--camera", "camera.json", "--size", "64x48", "--directions", "64"];
-    bake_in(&folder, &[&args[..], &["-o", "a.field"]].concat()).well();
-    let post = "title = 'The yard'\nfield = 'a.field'\nsky = 'replay'\n[camera]\nframes = 'f'\nlens = 'l'\n\
-                [display]\nkind = 'headless'\nfolder = '.'\n";
+fn field_folder() -> &'static Path {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "steady");
+        write_courtyard(&folder);
+        let args = ["scene", "scene.glb", "--camera", "camera.json", "--size", "64x48", "--directions", "64"];
+        bake_in(&folder, &[&args[..], &["-o", "a.field"]].concat()).well();
+        folder
+    })
+}
+
+/// A post whose state goes to the folder `name`.
+fn config(folder: &Path, name: &str) -> Config {
+    std::fs::create_dir(folder.join(name)).unwrap();
+    let post = format!(
+        "title = 'The yard'\nfield = 'a.field'\nsky = 'replay'\n[camera]\nframes = 'f'\nlens = 'l'\n\
+         [display]\nkind = 'headless'\nfolder = '{name}'\n"
+    );
     let text = format!("{post}[run]\nstart = 2026-06-21T04:00:00Z\nstep_s = 0.03\nframes = {}\n", frames());
-    put(&folder.join("POST.toml"), text);
-    let config = Config::load(&folder.join("POST.toml")).unwrap();
+    put(&folder.join(format!("{name}.toml")), text);
+    Config::load(&folder.join(format!("{name}.toml"))).unwrap()
+}
+
+/// Runs a post, over a live view if there is one; its state goes to the folder `name`.
+fn run_steadily(name: &str, view: Option<Box<dyn ViewSource>>) {
+    let config = config(field_folder(), name);
     let file = FieldFile::open(&config.field).unwrap();
     // One thread: what rayon allocates to hand work over is its own.
     let mut painter = FieldPainter::new(file.field(), Still::black(64, 48), 1);
+    if view.is_some() {
+        painter.expect_live_view();
+    }
     let even = PatchWeights { radiance: vec![[1.0; 3]; 68], sun: None };
     painter.relight(&even, 1.0).unwrap();
     let (exact, sampled) = (painter.exact_exposure(), painter.wanted_exposure());
@@ -124,6 +165,7 @@ fn frames_of_a_drifting_sky_allocate_nothing() {
     let counts = Rc::new(RefCell::new(Vec::with_capacity(frames())));
     let parts = Parts {
         sky: Box::new(Drifting(0)),
+        view,
         painter: Box::new(painter),
         display: Box::new(Watching(Rc::clone(&counts), (64, 48), 0)),
         clock: PostClock::start(
@@ -134,6 +176,7 @@ fn frames_of_a_drifting_sky_allocate_nothing() {
     let begun = Instant::now();
     let report = Post::new(&config, parts).run(&Signals::default()).unwrap();
     assert!(report.frames_changed > frames() as u64 / 2, "the sky drifts: {}", report.frames_changed);
+    assert!(report.health.view.is_none_or(|view| view.pictures == frames() as u64));
     let counts = counts.borrow();
     assert!(counts[0].0 > 0, "the first frame makes room; the counter counts");
     // The first hundred warm up. Once a second the state is put in words for the labels before a frame is presented, and
@@ -141,10 +184,21 @@ fn frames_of_a_drifting_sky_allocate_nothing() {
     let steady = &counts[100..];
     let busy = steady.iter().filter(|&&(count, _)| count > 0).count();
     let seconds = begun.elapsed().as_secs() as usize;
-    eprintln!("{} frames in {seconds} s, {busy} with allocations", steady.len());
-    assert!(busy <= 3 + 2 * seconds, "{busy} of {} frames in {seconds} s allocate", steady.len());
+    eprintln!("{name}: {} frames in {seconds} s, {busy} with allocations", steady.len());
+    assert!(busy <= 3 + 2 * seconds, "{name}: {busy} of {} frames in {seconds} s allocate", steady.len());
     // Words of other lengths in the state, and no more.
     let (first, last) = (steady[0].1, steady[steady.len() - 1].1);
     eprintln!("bytes held: {first} after the first hundred frames, {last} at the end");
     assert!(last - first < MOST_GAINED_BYTES, "{} bytes more are held at the end", last - first);
+}
+
+#[test]
+fn frames_of_a_drifting_sky_allocate_nothing() {
+    run_steadily("still", None);
+}
+
+/// The camera's pictures are taken and scaled on this thread, so that they count.
+#[test]
+fn frames_of_a_live_view_allocate_nothing() {
+    run_steadily("live", Some(Box::new(CameraView::new("camera", Box::new(Moving(0)), (64, 48)))));
 }

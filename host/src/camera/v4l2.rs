@@ -41,6 +41,8 @@ pub struct V4l2Settings {
     pub controls: Option<String>,
     /// Width and height; without, the largest that is not more than enough.
     pub size: Option<[u32; 2]>,
+    /// Width and height to come near to, where no size is asked for.
+    pub near_size: Option<[u32; 2]>,
     /// Pixel format; without, the one that measures light best.
     pub fourcc: Option<[u8; 4]>,
     /// How long a frame may take besides its exposure.
@@ -63,6 +65,7 @@ impl Default for V4l2Settings {
             device: "/dev/video0".into(),
             controls: None,
             size: None,
+            near_size: None,
             fourcc: None,
             frame_timeout: Duration::from_secs(1),
             manual: true,

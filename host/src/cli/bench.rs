@@ -9,6 +9,7 @@ pub(super) const COMMAND: Command = Command {
     name: "bench",
     help: "\
 relume bench FIELD [--stack STACK_DIR] [--sky MAP[@DEG]]... [--in-cache-only] [--cache MIB] [--plot OUT.png] [--json]
+relume bench FIELD --loop-only [--json]
 
 Time per frame for several budgets against error, on one thread and two, beside rivals that make the same picture from the
 same weights: the dense sum in f32 (OpenBLAS) and in int8, global principal components, and few lights chosen live from
@@ -22,6 +23,9 @@ bound below the true error is a failure (exit code 1).
                       A sun that stands elsewhere than the stack's is left out on both sides.
   --in-cache-only     leaves out the run beyond the caches: copies of the field in turn, four times the last-level cache
   --cache MIB         size of the last-level cache, where the system's own answer is not to be taken
+  --loop-only         nothing but the loop of a post under a still sky at 30 frames a second, over a still and over a live
+                      view, from the camera's codes to the display's memory. With --json: width_px, height_px, frames, and
+                      still_view, live_view, live_view_scaled, each cpu_ms_per_frame, share_of_core, frames_composited
   --plot OUT.png      time against error as a picture (with --stack)
   --json              the figures as one JSON object on standard output:
     skies, skies_with_sun, width_px, height_px, covered_px
@@ -66,13 +70,14 @@ bound below the true error is a failure (exit code 1).
 
 fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     use lexopt::prelude::{Long, Value};
-    let (mut field, mut plot, mut json) = (None::<PathBuf>, None::<PathBuf>, false);
+    let (mut field, mut plot, mut json, mut loop_only) = (None::<PathBuf>, None::<PathBuf>, false, false);
     let mut options = Options::default();
     while let Some(arg) = parser.next()? {
         match arg {
             Long("stack") => options.stack = Some(parser.value()?.into()),
             Long("sky") => options.skies.push(SkyMap::parse(&parser.value()?)),
             Long("in-cache-only") => options.in_cache_only = true,
+            Long("loop-only") => loop_only = true,
             Long("cache") => {
                 options.last_level_cache_bytes =
                     Some((number(&mut parser, "--cache", 1.0..=65536.0)? * f64::from(1 << 20)) as usize);
@@ -84,6 +89,10 @@ fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
         }
     }
     options.field = required(field, "FIELD")?;
+    if loop_only {
+        let report = crate::bench::postloop::run(&options.field).or_bad()?;
+        return if json { super::say_json(&report) } else { super::say(&report.to_string()) };
+    }
     if let Some(path) = &plot {
         crate::outfile::check_writable(path)?;
     }

@@ -3,12 +3,15 @@
 mod machine;
 
 use super::args::{Command, post_arguments};
-use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind};
+use crate::camera::replay::ReplayCamera;
+use crate::camera::{Camera, CameraLimits};
+use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind, ViewCamera};
 use crate::display::headless::Headless;
 use crate::failure::Failure;
 use crate::lens::Lens;
 use crate::relight::FieldFile;
 use crate::view::Still;
+use crate::view::fit::Fit;
 use embedded_graphics::geometry::Size;
 use relume_firmware::overlay::{Overlay, Words, first_unreadable};
 use serde::Serialize;
@@ -86,7 +89,9 @@ fn check(file: &Path) -> Table {
         };
         table.add("view", still.map(|s| ((), format!("{}: {}x{}", path.display(), s.width, s.height))));
     }
+    let behind = config.view_camera.as_ref().and_then(|camera| live_view(&config, camera, size, &mut table));
     sky(&config, &mut table);
+    drop(behind);
     table.add("display", display(&config, size.unwrap_or((1, 1))).map(|words| ((), words)));
     let state = crate::outfile::check_writable(&config.health);
     table.add("health", state.map(|()| ((), format!("{} can be written", config.health.display()))));
@@ -122,6 +127,48 @@ fn words(config: &Config, size: Option<(usize, usize)>) -> String {
     }
 }
 
+/// The camera of a live view; `size` is the field's. It goes on streaming while the sky's is looked at, as it will later: one
+/// USB bus may have no room for both.
+fn live_view(
+    config: &Config,
+    camera: &ViewCamera,
+    size: Option<(usize, usize)>,
+    table: &mut Table,
+) -> Option<Box<dyn Camera>> {
+    match camera {
+        ViewCamera::Frames(folder) => {
+            let frames = ReplayCamera::open(folder, true).map_err(|error| error.to_string());
+            let found = frames.and_then(|frames| {
+                let CameraLimits { width, height, .. } = frames.limits();
+                let words = format!("frames from {}: {}", folder.display(), fitted((width, height), size)?);
+                Ok((Box::new(frames) as Box<dyn Camera>, words))
+            });
+            table.add("live", found)
+        }
+        #[cfg(feature = "board")]
+        ViewCamera::Device { .. } => {
+            let _ = config;
+            machine::view_camera(camera, size, table)
+        }
+        #[cfg(not(feature = "board"))]
+        ViewCamera::Device { .. } => {
+            table.add("live", Err::<(Box<dyn Camera>, String), _>(super::run::no_drivers(config, "view_camera.device")))
+        }
+    }
+}
+
+/// How a picture of `found` pixels stands behind a field of `size`.
+fn fitted(found: (usize, usize), size: Option<(usize, usize)>) -> Result<String, String> {
+    let words = format!("{}x{}", found.0, found.1);
+    match size {
+        Some(size) if size != found => {
+            Fit::new(size).check(found).map_err(|error| error.to_string())?;
+            Ok(format!("{words}, scaled to {}x{}", size.0, size.1))
+        }
+        _ => Ok(words),
+    }
+}
+
 fn sky(config: &Config, table: &mut Table) {
     if let Some(path) = &config.camera.lens {
         table.add("lens", Lens::load(path).map(|_| ((), format!("{} is a lens", path.display()))));
@@ -132,7 +179,7 @@ fn sky(config: &Config, table: &mut Table) {
     }
     let words = match (config.sky, &config.camera.frames) {
         (SkyKind::Replay, Some(frames)) => {
-            let camera = crate::camera::replay::ReplayCamera::open(frames, false);
+            let camera = ReplayCamera::open(frames, false);
             table.add("camera", camera.map(|_| ((), format!("frames from {}", frames.display()))));
             return;
         }

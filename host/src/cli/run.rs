@@ -1,5 +1,7 @@
 //! `relume run`: the post.
 
+mod view;
+
 use super::args::{Command, place, required};
 use crate::clock::PostClock;
 use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind};
@@ -30,7 +32,7 @@ relume run POST.toml [--setup] [--json]
 
 Captures, relights, composites and shows until told to stop (Ctrl-C, SIGTERM) or until a limit of [run] is reached.
 `relume check POST.toml` tells beforehand what is wrong. The state stands in health.json; SIGUSR1 writes the picture shown
-to screenshot.png beside it.
+to screenshot.png beside it, and a live view to view.png.
 
   --setup   for whoever installs the post: a compass of view, north and sun, and the state even when it is well
   --json    what the post did, as one JSON object on standard output when it ends
@@ -99,12 +101,17 @@ fn run(config: &Config, setup: bool, signals: &Signals) -> Result<PostReport, Fa
     let made = std::fs::metadata(&config.field).and_then(|meta| meta.modified()).ok();
     let mut painter = FieldPainter::new(field, still, 0);
     painter.set_budget(config.budget).or_bad()?;
+    let view = view::live_view(config, (width, height))?;
+    if view.is_some() {
+        painter.expect_live_view();
+    }
     if matches!(config.clock, ClockConfig::System { .. }) {
         painter.trace_behind(SUN_STEP_DEG).or_runtime()?;
     }
     let clock = PostClock::start(config.clock, made);
     let parts = Parts {
         sky: sky_source(config, &field, &clock)?,
+        view,
         display: display(config, (width, height))?,
         painter: Box::new(painter),
         clock,

@@ -110,6 +110,16 @@ impl Reader {
         }
     }
 
+    /// Width and height, such as `"1280x960"`.
+    pub(super) fn size(&self, path: &str) -> Result<Option<(usize, usize)>, ConfigError> {
+        let Some(value) = self.get(path) else { return Ok(None) };
+        let parts = value.as_str().and_then(|text| text.split_once('x'));
+        match parts.and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?))) {
+            Some((width @ 1..=16384, height @ 1..=16384)) => Ok(Some((width, height))),
+            _ => Err(self.wrong(path, value, "such as \"1280x960\"")),
+        }
+    }
+
     pub(super) fn choice<T: Copy>(&self, path: &str, choices: &[(&str, T)]) -> Result<Option<T>, ConfigError> {
         let Some(value) = self.get(path) else { return Ok(None) };
         let given = value.as_str().unwrap_or_default();

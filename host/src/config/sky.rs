@@ -97,21 +97,12 @@ pub(super) fn sky(r: &Reader, site: Option<Site>) -> Result<(SkyKind, CameraConf
         radiance_scale: r.number("camera.radiance_scale", 1e-6..=1e6)?.unwrap_or(1.0),
         light_log: r.path("camera.light_log")?,
         device: r.text("camera.device", 200)?,
-        size: size(r)?,
+        size: r.size("camera.size")?,
         pixel_format: r.text("camera.pixel_format", 4)?,
         white_balance_k: r.whole("camera.white_balance_k", 1000..=20_000)?.unwrap_or(WHITE_K) as u32,
         max_gain: r.number("camera.max_gain", 1.0..=1000.0)?,
     };
     check(r, sky, site).map(|()| (sky, camera))
-}
-
-fn size(r: &Reader) -> Result<Option<(usize, usize)>, ConfigError> {
-    let Some(text) = r.text("camera.size", 16)? else { return Ok(None) };
-    let size = text.split_once('x').and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
-    match size {
-        Some((1..=16384, 1..=16384)) => Ok(size),
-        _ => Err(r.fault(format!("camera.size = \"{text}\": must be such as \"1280x960\""))),
-    }
 }
 
 fn check(r: &Reader, sky: SkyKind, site: Option<Site>) -> Result<(), ConfigError> {

@@ -47,6 +47,25 @@ fn a_screen_is_asked_for_by_socket_mode_and_rotation() {
 }
 
 #[test]
+fn a_view_is_a_still_a_camera_or_pictures_in_turn() {
+    let with = |keys: &str| format!("view = 's.png'\n{LEAST}[view_camera]\n{keys}");
+    assert_eq!(load(LEAST).unwrap().view_camera, None);
+    let config = load(&with("device = '/dev/video2'\nsize = '1280x720'\n")).unwrap();
+    let (device, size) = ("/dev/video2".to_string(), Some((1280, 720)));
+    assert_eq!(config.view_camera, Some(ViewCamera::Device { device, size, pixel_format: None }));
+    assert!(config.view.is_some_and(|still| still.ends_with("s.png")), "it stands until the camera's first picture");
+    let config = load(&with("frames = 'pictures'\n")).unwrap();
+    assert!(matches!(config.view_camera, Some(ViewCamera::Frames(folder)) if folder.ends_with("pictures")));
+    refused(&with(""), &["view_camera.device is missing", "relume devices"]);
+    refused(&with("device = 'a'\nframes = 'b'\n"), &["exclude each other"]);
+    refused(&with("frames = 'b'\nsize = '4x3'\n"), &["view_camera.size is only used with view_camera.device"]);
+    refused(&with("device = 'a'\nsize = 'large'\n"), &["view_camera.size = \"large\"", "1280x960"]);
+    let sky = "[camera]\ndevice = 'a'\nlens = 'l'\n";
+    let both = with(&format!("device = 'a'\n{sky}")).replace("simulated", "camera");
+    refused(&both, &["view_camera.device = \"a\"", "the sky camera"]);
+}
+
+#[test]
 fn unknown_keys_are_refused_with_the_nearest_name() {
     refused(&LEAST.replace("latitude", "latitute"), &["unknown key site.latitute", "did you mean site.latitude?"]);
     refused(&format!("titel = 'x'\n{LEAST}"), &["unknown key titel", "did you mean title?"]);

@@ -14,7 +14,7 @@ use relume_firmware::patches::PatchSet;
 /// Tiles that the running exposure looks at: enough for a hundredth of its steps.
 const EXPOSURE_TILES: usize = 128;
 
-/// A field over a still view.
+/// A field over a view.
 pub struct FieldPainter<'f> {
     field: Field<'f>,
     relighter: Relighter<'f>,
@@ -35,6 +35,11 @@ impl<'f> FieldPainter<'f> {
             sampled: Vec::new(),
             field,
         }
+    }
+
+    /// Gets ready for a live view: what it shows first is composited only, like what comes later.
+    pub fn expect_live_view(&mut self) {
+        self.relighter.expect_live_view();
     }
 
     /// Keeps every frame to a budget.
@@ -123,6 +128,14 @@ impl Painter for FieldPainter<'_> {
         let counters = self.relighter.draw(&self.view, &mut self.framebuffer);
         self.relighter.take_damage(damage);
         Ok(counters)
+    }
+
+    fn show_view(&mut self, pixels_bgrx: &mut Vec<u32>) {
+        self.view.exchange(pixels_bgrx);
+    }
+
+    fn view_bgrx(&self) -> &[u32] {
+        self.view.pixels()
     }
 
     fn pixels_bgrx(&self) -> &[u32] {

@@ -1,18 +1,24 @@
 use super::*;
+use crate::camera::CameraError;
 use crate::config::ClockConfig;
 use crate::display::DisplayError;
 use crate::sky_source::SkyFault;
+use crate::view::live::ViewPicture;
 use relume_firmware::patches::PatchSet;
 use std::cell::RefCell;
 use std::rc::Rc;
 
 const START: f64 = 1_782_000_000.0;
 
-/// One pixel that shows the first patch's radiance times exposure, as a code.
+/// One pixel that shows the first patch's radiance times exposure, as a code, plus the view's.
 struct Pixel {
     pixels: Vec<u32>,
     brightness: f32,
     drawn: u32,
+    /// As it was drawn last.
+    relit: u32,
+    /// Added to it.
+    view: Vec<u32>,
 }
 
 impl Painter for Pixel {
@@ -35,12 +41,15 @@ impl Painter for Pixel {
         (self.brightness > 0.0).then(|| 0.8 / f64::from(self.brightness))
     }
     fn draw(&mut self, damage: &mut Damage) -> anyhow::Result<FrameCounters> {
-        let changed = self.pixels[0] != self.drawn;
-        if changed {
+        let changed = std::mem::replace(&mut self.relit, self.drawn) != self.drawn;
+        let before = std::mem::replace(&mut self.pixels[0], self.relit + self.view[0]);
+        if before != self.pixels[0] {
             damage.mark(0);
         }
-        self.pixels[0] = self.drawn;
         Ok(FrameCounters { tiles: 1, tiles_drawn: usize::from(changed), ..FrameCounters::default() })
+    }
+    fn show_view(&mut self, pixels_bgrx: &mut Vec<u32>) {
+        std::mem::swap(&mut self.view, pixels_bgrx);
     }
     fn pixels_bgrx(&self) -> &[u32] {
         &self.pixels
@@ -76,7 +85,30 @@ impl Display for Seen {
     }
 }
 
+/// The same for a view: codes of its one pixel; `None` fails.
+struct Behind(Vec<Option<u32>>, usize);
+
+impl ViewSource for Behind {
+    fn read(&mut self, into: &mut ViewPicture) -> Result<bool, CameraError> {
+        let step = self.0.get(self.1).copied();
+        self.1 += 1;
+        let Some(step) = step else { return Ok(false) };
+        into.pixels_bgrx = vec![step.ok_or(CameraError::Lost)?];
+        into.taken = Some(Instant::now());
+        Ok(true)
+    }
+}
+
 fn run(extra: &str, script: &[Option<f32>], broken: bool) -> (Result<PostReport, Failure>, Vec<u32>, String) {
+    run_over(extra, script, None, broken)
+}
+
+fn run_over(
+    extra: &str,
+    script: &[Option<f32>],
+    view: Option<&[Option<u32>]>,
+    broken: bool,
+) -> (Result<PostReport, Failure>, Vec<u32>, String) {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("POST.toml");
     let text = format!(
@@ -87,7 +119,8 @@ fn run(extra: &str, script: &[Option<f32>], broken: bool) -> (Result<PostReport,
     let seen = Rc::new(RefCell::new(Vec::new()));
     let parts = Parts {
         sky: Box::new(Script(script.to_vec(), 0)),
-        painter: Box::new(Pixel { pixels: vec![0], brightness: 0.0, drawn: 0 }),
+        view: view.map(|view| Box::new(Behind(view.to_vec(), 0)) as Box<dyn ViewSource>),
+        painter: Box::new(Pixel { pixels: vec![0], brightness: 0.0, drawn: 0, relit: 0, view: vec![0] }),
         display: Box::new(Seen(seen.clone(), broken)),
         clock: PostClock::start(ClockConfig::Simulated { start_unix_s: START, step_s: 60.0, speed: None }, None),
     };
@@ -137,6 +170,29 @@ fn exposure_follows_the_light_within_half_a_stop() {
     assert!(seen.iter().all(|&code| (dark..bright).contains(&f64::from(code))), "{seen:?}");
     let changes = report.unwrap().exposure_changes;
     assert!((10..=20).contains(&changes), "{changes} changes over ten stops");
+}
+
+#[test]
+fn a_lost_view_is_held_and_told_and_its_new_pictures_are_only_composited() {
+    let script = vec![Some(0.5); 8];
+    let views = [Some(1000), Some(2000), None, None, Some(3000), Some(4000)];
+    let (report, seen, _) = run_over(FIXED, &script, Some(&views), false);
+    assert_eq!(seen, [1050, 2050, 2050, 2050, 3050, 4050, 4050, 4050]);
+    let report = report.unwrap();
+    let view = report.health.view.unwrap();
+    assert_eq!((view.state, view.pictures, view.faults), (ViewState::Fresh, 4, 2));
+    assert_eq!((report.frames_changed, view.frames_composited), (4, 3), "the first is drawn");
+    assert!(view.latency_ms.is_some() && view.latency_ms <= view.latency_worst_ms, "{view:?}");
+    assert_eq!(report.health.state, "ok");
+
+    // Light that changes draws, whatever the view does.
+    let (report, ..) = run_over(FIXED, &[Some(0.5), Some(0.6), Some(0.7)], Some(&views), false);
+    let health = report.unwrap().health;
+    assert_eq!(health.view.unwrap().frames_composited, 0);
+    assert_eq!(health.state, "view fails, last picture held: the camera is gone");
+
+    let (report, seen, _) = run_over(FIXED, &[Some(0.5)], Some(&[None]), false);
+    assert_eq!((report.unwrap().health.state.as_str(), seen[0]), ("no view yet: the camera is gone", 50));
 }
 
 #[test]

@@ -39,6 +39,20 @@ impl View {
         (self.width, self.height)
     }
 
+    /// The pixels, `0x00RRGGBB`, row 0 at the top.
+    pub fn pixels(&self) -> &[u32] {
+        &self.pixels
+    }
+
+    /// Exchanges the pixels for those of a live camera's next picture and gives the view a new identity. Pixels of another
+    /// size are left where they are.
+    pub fn exchange(&mut self, pixels: &mut Vec<u32>) {
+        if pixels.len() == self.pixels.len() {
+            std::mem::swap(&mut self.pixels, pixels);
+            self.identity = VIEWS.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
     /// Changes the pixels in place (a live camera's next frame) and gives the view a new identity.
     pub fn pixels_mut(&mut self) -> &mut [u32] {
         self.identity = VIEWS.fetch_add(1, Ordering::Relaxed);

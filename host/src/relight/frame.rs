@@ -27,24 +27,42 @@ impl Relighter<'_> {
             return still;
         }
         self.look_at(view);
-        self.find_standing();
+        let only_view = self.shown.is_some_and(|(_, _, moment)| self.settled && moment == self.moment);
+        if !only_view {
+            self.find_standing();
+        }
         if let Budget::Time(allowed) = self.budget {
             self.choose(view, started, allowed);
         }
         let drawing = Instant::now();
         let mut drew = self.draw_tiles(view, framebuffer);
         self.pace.follow(drawing.elapsed(), drew.drawn);
-        let bounded = self.levels.bounds(&self.field).is_some();
-        if let Budget::ErrorCodes(codes) = self.budget
-            && bounded
-        {
-            while self.raise_levels(codes) {
-                let again = self.draw_tiles(view, framebuffer);
-                let (drawn, composited) = (drew.drawn + again.drawn, drew.composited + again.composited);
-                drew = Drew { drawn, composited, ..again };
-                drew.kept = self.counters.tiles.saturating_sub(drew.empty + drew.drawn + drew.composited);
-            }
+        if let Budget::ErrorCodes(codes) = self.budget {
+            drew = self.draw_within(codes, view, framebuffer, drew);
         }
+        let counters = self.count(&drew);
+        if !only_view || drew.drawn > 0 {
+            self.remember_standing();
+        }
+        let finished = self.settled && drew.waiting == 0;
+        self.shown = finished.then_some((counters, view.identity, self.moment));
+        self.new_weights = false;
+        counters
+    }
+
+    /// Draws again with more of the way back until no tile is off by more than `codes`, after a frame that `drew` so much.
+    fn draw_within(&mut self, codes: f32, view: &View, framebuffer: &mut Framebuffer, mut drew: Drew) -> Drew {
+        while self.levels.bounds(&self.field).is_some() && self.raise_levels(codes) {
+            let again = self.draw_tiles(view, framebuffer);
+            let (drawn, composited) = (drew.drawn + again.drawn, drew.composited + again.composited);
+            drew = Drew { drawn, composited, ..again };
+            drew.kept = self.counters.tiles.saturating_sub(drew.empty + drew.drawn + drew.composited);
+        }
+        drew
+    }
+
+    /// The counters of a frame that `drew` so much.
+    fn count(&self, drew: &Drew) -> FrameCounters {
         let mut counters = FrameCounters {
             tiles_drawn: drew.drawn,
             tiles_composited: drew.composited,
@@ -55,13 +73,9 @@ impl Relighter<'_> {
             rank_limit: self.rank_limit,
             ..self.counters
         };
-        if bounded {
+        if self.levels.bounds(&self.field).is_some() {
             (counters.bound_linear, counters.bound_codes) = (Some(drew.bound_linear), Some(drew.bound_codes));
         }
-        self.remember_standing();
-        let finished = self.settled && drew.waiting == 0;
-        self.shown = finished.then_some((counters, view.identity, self.moment));
-        self.new_weights = false;
         counters
     }
 
@@ -108,8 +122,15 @@ impl Relighter<'_> {
     /// view is composited without relighting.
     fn look_at(&mut self, view: &View) {
         let changed = self.view.replace(view.identity).is_some_and(|old| old != view.identity);
-        if changed && !self.live {
-            self.live = true;
+        if changed {
+            self.expect_live_view();
+        }
+    }
+
+    /// Keeps the edge pixels' light from now on, before a view has ever changed: then even the first change is composited
+    /// only, and what is drawn when depends on the light alone.
+    pub fn expect_live_view(&mut self) {
+        if !std::mem::replace(&mut self.live, true) {
             self.states.iter_mut().zip(&self.tiles).for_each(|(state, tile)| state.keep_edges(tile));
         }
     }

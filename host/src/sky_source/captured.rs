@@ -17,8 +17,6 @@ use std::time::Instant;
 
 /// Exposures of one series.
 const SERIES: usize = 4;
-/// Stamps further back than this are a clock's that has jumped.
-const LONGEST_AGE: std::time::Duration = std::time::Duration::from_secs(60);
 /// Series that a camera may take until its exposures fit the light.
 const ATTEMPTS: usize = 5;
 /// With the sun higher than this no sky is black to a camera, under whatever clouds, degrees.
@@ -135,15 +133,10 @@ impl CapturedSky {
         ATTEMPTS
     }
 
-    /// When the last frame was taken, by a camera whose frames are stamped with the system's clock.
+    /// When the last frame was taken, by a real camera.
     fn taken(&self) -> Option<Instant> {
-        if matches!(self.device, Device::Live(_)) {
-            let newest = self.frames.iter().map(|frame| frame.captured_at_s).fold(0.0, f64::max);
-            let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).ok()?;
-            let age = std::time::Duration::try_from_secs_f64(now.as_secs_f64() - newest).ok()?;
-            return Instant::now().checked_sub(age).filter(|_| age < LONGEST_AGE);
-        }
-        None
+        let live = matches!(self.device, Device::Live(_));
+        self.frames.iter().filter(|_| live).filter_map(Frame::taken).max()
     }
 
     /// Whether the newest series shows the sky. A black one by day does not: exposures still climb, and nothing is new.

@@ -53,6 +53,17 @@ pub fn best(offered: &[[u8; 4]]) -> Option<([u8; 4], PixelFormat)> {
     FORMATS.iter().find(|(code, _)| offered.contains(code)).copied()
 }
 
+/// Is a picture in this format one to look at: in colour, with codes that a camera has made for a display?
+pub fn is_shown(format: PixelFormat) -> bool {
+    matches!(format, PixelFormat::Yuyv | PixelFormat::Uyvy | PixelFormat::Nv12 | PixelFormat::Jpeg)
+}
+
+/// The code that a text of four letters names, `Y16` as well as `Y16 `; what no camera has for other texts.
+pub fn from_name(text: &str) -> [u8; 4] {
+    let mut letters = text.bytes().chain(std::iter::repeat(b' '));
+    std::array::from_fn(|_| letters.next().unwrap_or(b' '))
+}
+
 /// A code as text, such as `YUYV`.
 pub fn name(fourcc: [u8; 4]) -> String {
     fourcc.iter().map(|&byte| if byte.is_ascii_graphic() { char::from(byte) } else { ' ' }).collect()

@@ -211,4 +211,5 @@ fn four_character_codes_are_v4l2s_and_raw_ones_come_first() {
     assert_eq!(formats::best(&[*b"YUYV", *b"RGGB", *b"pRAA"]).unwrap().0, *b"pRAA");
     assert_eq!(formats::best(&[*b"H264"]), None);
     assert_eq!(formats::name(*b"Y16 "), "Y16 ");
+    assert_eq!([formats::from_name("Y16"), formats::from_name("pRAA")], [*b"Y16 ", *b"pRAA"]);
 }

@@ -4,7 +4,7 @@ use super::V4l2Settings;
 use super::ioctl::{self, Plain};
 use super::node::Node;
 use crate::camera::CameraError;
-use crate::camera::unpack::formats::{best, from_fourcc, name};
+use crate::camera::unpack::formats::{best, from_fourcc, is_shown, name};
 use crate::camera::unpack::{Layout, Matrix, PixelFormat, Range, YuvCoding};
 use v4l::v4l_sys as sys;
 
@@ -24,11 +24,12 @@ pub(super) struct Agreed {
 
 /// Chooses and sets format and size.
 pub(super) fn agree(node: &Node, settings: &V4l2Settings) -> Result<Agreed, CameraError> {
-    let offered = offered(node);
+    let offered = usable(offered(node), settings.manual).map_err(|what| node.refused(what))?;
     let (fourcc, format) = choose(&offered, settings.fourcc).map_err(|what| node.refused(what))?;
     let current = ioctl::pix_format(&node.file).map_err(|error| node.setup_fault("tells no format", &error))?;
     let sizes = sizes(node, fourcc);
-    let [width, height] = settings.size.or_else(|| enough(&sizes)).unwrap_or([current.width, current.height]);
+    let [width, height] =
+        settings.size.or(settings.near_size).or_else(|| enough(&sizes)).unwrap_or([current.width, current.height]);
     let pix = sys::v4l2_pix_format {
         width,
         height,
@@ -74,6 +75,17 @@ fn offered(node: &Node) -> Vec<[u8; 4]> {
         Some(description.pixelformat.to_le_bytes())
     };
     (0..256).map_while(entry).collect()
+}
+
+/// Of the formats offered, those for the purpose: to measure light any, to be looked at those made for it.
+fn usable(offered: Vec<[u8; 4]>, to_measure: bool) -> Result<Vec<[u8; 4]>, String> {
+    let shown = |code: &&[u8; 4]| to_measure || from_fourcc(**code).is_some_and(is_shown);
+    let usable: Vec<[u8; 4]> = offered.iter().filter(shown).copied().collect();
+    if usable.is_empty() && !offered.is_empty() {
+        let list = offered.iter().map(|&code| name(code)).collect::<Vec<_>>().join(" ");
+        return Err(format!("has no format for a view (YUYV UYVY NV12 MJPG); it has {list}"));
+    }
+    Ok(usable)
 }
 
 /// The format asked for, else the best one offered.
@@ -161,6 +173,16 @@ mod tests {
         assert_eq!(coding(10, 2, 0), coded(Range::Limited, Matrix::Bt2020));
         assert_eq!(coding(8, 1, 2), coded(Range::Full, Matrix::Bt709));
         assert_eq!(coding(3, 2, 1), coded(Range::Limited, Matrix::Bt601));
+    }
+
+    #[test]
+    fn a_view_takes_no_raw_formats() {
+        let offered = vec![*b"RG10", *b"GREY", *b"MJPG", *b"YUYV"];
+        assert_eq!(usable(offered.clone(), true).unwrap(), offered);
+        let usable_in_view = usable(offered, false).unwrap();
+        assert_eq!(usable_in_view, [*b"MJPG", *b"YUYV"]);
+        assert_eq!(choose(&usable_in_view, None).unwrap().0, *b"YUYV");
+        assert!(usable(vec![*b"RG10"], false).unwrap_err().contains("for a view"));
     }
 
     #[test]

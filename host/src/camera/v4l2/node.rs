@@ -101,6 +101,9 @@ impl Node {
     pub(super) fn setup_fault(&self, what: &str, error: &io::Error) -> CameraError {
         match errno(error) {
             Some(Errno::BUSY) => CameraError::Busy { path: self.path.clone() },
+            Some(Errno::NOSPC) => {
+                self.refused("finds no room on its USB bus: ask for a smaller size, or use another port")
+            }
             _ => self.fault(what, error),
         }
     }
@@ -162,6 +165,8 @@ mod tests {
         assert!(matches!(fault(Errno::BUSY), CameraError::Device { .. }));
         let busy = node.setup_fault("x", &io::Error::from(Errno::BUSY));
         assert_eq!(busy.to_string(), "/dev/null is in use by another program: stop that one, or name another camera");
+        let crowded = node.setup_fault("x", &io::Error::from(Errno::NOSPC));
+        assert!(crowded.to_string().contains("another port"), "{crowded}");
         let denied = opening("/dev/video0".into(), &io::Error::from(Errno::ACCESS));
         assert!(denied.to_string().contains("group video"), "{denied}");
     }

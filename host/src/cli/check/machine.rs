@@ -1,7 +1,11 @@
 //! What the machine under a post must have: a camera that answers, room, and no fever.
 
 use super::Table;
+#[cfg(feature = "board")]
+use crate::camera::{Camera, Frame, v4l2::V4l2Camera};
 use crate::config::Config;
+#[cfg(feature = "board")]
+use crate::config::ViewCamera;
 use rustix::fs::statvfs;
 use std::fs;
 use std::path::Path;
@@ -10,6 +14,9 @@ use std::path::Path;
 const LITTLE_ROOM: u64 = 50 << 20;
 /// Boards slow down from about here, degrees Celsius.
 const HOT_C: f64 = 80.0;
+/// What a view's camera is asked for where the field's size is not known.
+#[cfg(feature = "board")]
+const VIEW_SIZE: (usize, usize) = (1280, 720);
 
 /// Room where the state is written.
 pub(super) fn disk(config: &Config, table: &mut Table) {
@@ -43,7 +50,6 @@ pub(super) fn heat(table: &mut Table) {
 /// Opens the camera, measures its delay and its pace.
 #[cfg(feature = "board")]
 pub(super) fn camera(config: &Config, table: &mut Table) {
-    use crate::camera::v4l2::V4l2Camera;
     let settings = crate::sky_source::live::v4l2_settings(config);
     let opened = settings.and_then(|settings| {
         let mut camera = V4l2Camera::open(&settings)?;
@@ -63,10 +69,29 @@ pub(super) fn camera(config: &Config, table: &mut Table) {
     }
 }
 
+/// Opens the camera of a live view behind a field of `size` and measures its pace.
+#[cfg(feature = "board")]
+pub(super) fn view_camera(
+    wanted: &ViewCamera,
+    size: Option<(usize, usize)>,
+    table: &mut Table,
+) -> Option<Box<dyn Camera>> {
+    let settings = crate::view::device::v4l2_settings(wanted, size.unwrap_or(VIEW_SIZE));
+    let opened = V4l2Camera::open(&settings).map_err(|error| format!("{}: {error}", settings.device));
+    let found = opened.and_then(|mut camera| {
+        let format = String::from_utf8_lossy(&camera.fourcc()).into_owned();
+        let shown = super::fitted(camera.layout().output_size(), size);
+        let shown = shown.map_err(|what| format!("{}: {what}", camera.path()))?;
+        let pace = pace(&mut camera)?;
+        let words = format!("{}: {format} {shown}, {pace}", camera.path());
+        Ok((Box::new(camera) as Box<dyn Camera>, words))
+    });
+    table.add("live", found)
+}
+
 /// Frames per second over twenty of them.
 #[cfg(feature = "board")]
-fn pace(camera: &mut crate::camera::v4l2::V4l2Camera) -> Result<String, String> {
-    use crate::camera::{Camera, Frame};
+fn pace(camera: &mut V4l2Camera) -> Result<String, String> {
     const FRAMES: u32 = 20;
     let mut frame = Frame::default();
     let mut next = || camera.frame(&mut frame).map_err(|error| error.to_string());
