@@ -14,6 +14,7 @@ pub mod lens;
 pub mod lightlog;
 pub mod painter;
 pub mod picture;
+pub mod planner;
 pub mod plot;
 pub mod post;
 pub mod sky_source;

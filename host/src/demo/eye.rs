@@ -2,11 +2,12 @@
 
 use relume_firmware::patches::PatchSet;
 
-use crate::bracket::{MergeSettings, Merged, Merger, Planner};
+use crate::bracket::{MergeSettings, Merged, Merger};
 use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
 use crate::camera::{Camera, Frame, take_series};
 use crate::capture::{Capture, CaptureSettings};
 use crate::failure::{Failure, OrFail};
+use crate::planner::Planner;
 use crate::response::Response;
 use crate::skymodel::{Atmosphere, SkyModel};
 use crate::sun::{Place, SunPosition, sun_position};

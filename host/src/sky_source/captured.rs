@@ -1,7 +1,7 @@
 //! The light as a camera sees it: series -> radiance -> weights. The camera is simulated or replayed.
 
 use super::{SkyFault, SkyReading, SkySource, SunSource};
-use crate::bracket::{MergeSettings, Merged, Merger, Planner};
+use crate::bracket::{MergeSettings, Merged, Merger};
 use crate::camera::replay::ReplayCamera;
 use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
 use crate::camera::{Camera, CameraError, Exposure, Frame, take_series};
@@ -9,6 +9,7 @@ use crate::capture::{self, Capture, CaptureSettings};
 use crate::clock::Moment;
 use crate::config::{Config, SkyKind};
 use crate::lens::Lens;
+use crate::planner::Planner;
 use crate::response::Response;
 use crate::sun::{Place, SunPosition, sun_position};
 use relume_firmware::patches::PatchSet;
