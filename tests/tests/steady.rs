@@ -1,7 +1,6 @@
 //! The loop of a post in its steady state: no allocation in a frame, whatever the light does.
 
 #![allow(clippy::unwrap_used)]
-#![allow(unsafe_code)]
 
 use relume::clock::{Moment, PostClock};
 use relume::config::{ClockConfig, Config};
@@ -13,45 +12,13 @@ use relume::relight::FieldFile;
 use relume::sky_source::{SkyFault, SkyReading, SkySource, SunSource};
 use relume::view::Still;
 use relume::weights::{PatchWeights, SunWeight};
+use relume_tests::counting::{Counting, allocations};
 use relume_tests::files::{fresh_folder, put};
 use relume_tests::program::bake_in;
 use relume_tests::scene::write_courtyard;
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::Instant;
-
-/// The system's allocator, which counts what this thread asks of it.
-struct Counting;
-
-thread_local! {
-    static COUNT: Cell<u64> = const { Cell::new(0) };
-}
-
-fn note() {
-    // A thread that is ending has no count any more.
-    let _ = COUNT.try_with(|count| count.set(count.get() + 1));
-}
-
-// SAFETY: every call goes to the system's allocator as it came.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        note();
-        // SAFETY: as the caller promises.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
-        // SAFETY: as the caller promises.
-        unsafe { System.dealloc(memory, layout) }
-    }
-
-    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        note();
-        // SAFETY: as the caller promises.
-        unsafe { System.realloc(memory, layout, size) }
-    }
-}
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
@@ -83,7 +50,7 @@ impl Display for Watching {
     }
 
     fn present(&mut self, _frame: &Frame<'_>) -> Result<(), DisplayError> {
-        let now = COUNT.with(Cell::get);
+        let now = allocations();
         self.0.borrow_mut().push(now - self.2);
         self.2 = now;
         Ok(())
