@@ -294,10 +294,10 @@ impl Capture {
         if self.filled_share.iter().any(|&share| share > 0.0) {
             self.fill_missing(radiance);
         }
-        for patch in 0..self.set.upper() {
-            let weight =
-                f64::from(self.filled_share[patch] * self.set.dir_world(patch)[1] * self.set.solid_angle_sr(patch));
-            level = std::array::from_fn(|k| level[k] + weight * f64::from(radiance[patch][k]));
+        for (patch, value) in radiance.iter().enumerate().take(self.set.upper()) {
+            let missing = self.filled_share[patch] * self.set.solid_angle_sr(patch);
+            let weight = f64::from(missing * self.set.dir_world(patch)[1]);
+            level = std::array::from_fn(|k| level[k] + weight * f64::from(value[k]));
         }
         into.sky_irradiance = level;
     }
