@@ -8,11 +8,13 @@ pub mod fault;
 pub mod plausible;
 pub mod reopen;
 pub mod replay;
+pub mod series;
 pub mod synthetic;
 pub mod unpack;
 #[cfg(feature = "board")]
 pub mod v4l2;
 
+pub use series::take_series;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Stamps further back than this are a recording's, or a clock's that has jumped.
@@ -248,6 +250,12 @@ pub trait Camera: Send {
     /// # Errors
     /// [`CameraError::Timeout`] where a later frame may come, another where none will.
     fn frame(&mut self, into: &mut Frame) -> Result<(), CameraError>;
+
+    /// Frames for which the newest request must stand before another may be written, so that one of them is sure to have
+    /// it: 1 where a request always shows after the same number of frames.
+    fn stand_frames(&self) -> u32 {
+        1
+    }
 }
 
 impl<C: Camera + ?Sized> Camera for Box<C> {
@@ -262,57 +270,8 @@ impl<C: Camera + ?Sized> Camera for Box<C> {
     fn frame(&mut self, into: &mut Frame) -> Result<(), CameraError> {
         (**self).frame(into)
     }
-}
 
-/// Takes one frame per exposure, in order, into `frames` (reused; its length becomes the number of frames that came).
-///
-/// A frame counts for an exposure when the value read back matches the one the camera accepted. An exposure that does
-/// not come within the camera's delay and two frames more is left out.
-///
-/// # Errors
-/// The last [`CameraError`] when no frame at all came, and at once when the camera is lost or the recording has ended
-/// before the first frame.
-pub fn take_series(
-    camera: &mut dyn Camera,
-    exposures: &[Exposure],
-    frames: &mut Vec<Frame>,
-) -> Result<(), CameraError> {
-    let mut count = 0;
-    let mut failure = CameraError::Timeout;
-    for &exposure in exposures {
-        if frames.len() <= count {
-            frames.push(Frame::default());
-        }
-        match take_one(camera, exposure, &mut frames[count]) {
-            Ok(()) => count += 1,
-            Err(error) => {
-                let gone = matches!(error, CameraError::Lost | CameraError::Ended);
-                failure = error;
-                if gone {
-                    break;
-                }
-            }
-        }
+    fn stand_frames(&self) -> u32 {
+        (**self).stand_frames()
     }
-    frames.truncate(count);
-    if count == 0 { Err(failure) } else { Ok(()) }
-}
-
-fn take_one(camera: &mut dyn Camera, exposure: Exposure, into: &mut Frame) -> Result<(), CameraError> {
-    let accepted = camera.request(exposure)?;
-    let patience = camera.limits().delay_frames + 3;
-    let mut came = false;
-    for _ in 0..patience {
-        match camera.frame(into) {
-            Ok(()) if into.exposure.same_as(&accepted) => return Ok(()),
-            Ok(()) => came = true,
-            Err(CameraError::Timeout) => {}
-            Err(error) => return Err(error),
-        }
-    }
-    // Without any frame nothing is known of their exposures.
-    if !came {
-        return Err(CameraError::Timeout);
-    }
-    Err(CameraError::NoSuchExposure { exposure: accepted, frames: patience })
 }

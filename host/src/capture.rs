@@ -1,26 +1,39 @@
-//! What the sky camera sees to weights: every valid pixel's solid angle counts once, the rest is filled and counted.
+//! What the sky camera sees to weights: every valid pixel's solid angle counts once, the rest is filled and marked.
 //!
-//! - A pixel's solid angle goes to the patches its 2x2 sub-samples fall in; the lens's exact Jacobian gives its size.
-//! - Patches of which less than a quarter was seen are filled from a smooth sky (real spherical harmonics up to order 2,
-//!   least squares over the seen patches).
-//! - The sun's place is the ephemeris'. What stands above the in-painted sky within 1 degree of it is taken out of the
-//!   patches. Its irradiance is that excess where no pixel of it is clipped, else the clear-sky model's, scaled by the
-//!   lower quartile of measured over modelled patch luminance (clouds are brighter than the clear sky behind them).
+//! - A patch's radiance is the mean over its own part of the picture (`capture/shares.rs`).
+//! - What was not seen of a patch is filled from a smooth sky (`smooth.rs`): all of it where less than a quarter was seen,
+//!   else the difference that the smooth sky makes between the patch and its seen part.
+//! - The sun's place is the ephemeris'. What stands above the in-painted sky within 1 degree of it (or the clipped blob) is
+//!   taken out of the patches. Its irradiance is that excess where no pixel of it is clipped. Else it is the clear-sky
+//!   model's beam in the unit of the measured sky (the lower quartile of measured over modelled patch luminance, as clouds
+//!   are brighter than the clear sky behind them), times what the aureole tells of it (`capture/beam.rs`).
 //! - The lower hemisphere, which the camera does not see, is ground albedo x horizontal irradiance / pi.
+
+mod beam;
+mod shares;
+mod sunspot;
 
 use crate::bracket::{Merged, PixelState};
 use crate::lens::Lens;
 use crate::map::luminance;
 use crate::skymodel::{Atmosphere, SkyModel, clear_beam};
-use crate::split::{MIN_DISC_CONTRAST, MIN_IRRADIANCE_SHARE, SUN_RADIUS_DEG};
+use crate::smooth::SmoothSky;
+use crate::split::{MIN_DISC_CONTRAST, MIN_IRRADIANCE_SHARE};
 use crate::sun::{SunPosition, dir_world};
 use crate::weights::{PatchWeights, SunWeight, sun_solid_angle_sr};
+use beam::Beam;
 use relume_firmware::patches::PatchSet;
+use shares::Shares;
+use sunspot::SunSpot;
 
 /// Share of a patch that must have been seen.
 const SEEN_SHARE: f64 = 0.25;
+/// A share of a patch that is less than this does not count as missing: what rounding leaves.
+const MISSING: f32 = 0.01;
 /// A clipped pixel at the sun's place shows the sun if it is at least this much brighter than the sky around it.
 const CLIPPED_CONTRAST: f64 = 3.0;
+/// Less than this share of the clear-sky beam is a veiled sun.
+const VEILED: f64 = 0.75;
 
 /// What the capture must know besides the lens.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,9 +55,10 @@ impl Default for CaptureSettings {
 }
 
 /// Where the sun's weight comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SunSource {
     /// No position was given; the sun, if seen, stays in the patches.
+    #[default]
     NoPosition,
     /// The sun is below the horizon.
     BelowHorizon,
@@ -54,19 +68,39 @@ pub enum SunSource {
     Measured,
     /// Clear-sky model scaled by what the sky shows; pixels of the disc are clipped.
     ClearSkyModel,
+    /// The same, less what is before the sun.
+    Veiled,
 }
 
 /// Weights of one series and what they rest on.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Captured {
     /// The weights.
     pub weights: PatchWeights,
     /// Where the sun comes from.
     pub sun_source: SunSource,
-    /// Upper patches filled from the smooth sky.
+    /// Share of the clear-sky beam that comes through, 0..=1, where the sun is the model's.
+    pub beam_share: Option<f64>,
+    /// Per patch the share of its solid angle that was not seen and filled from the smooth sky, 0..=1; 0 for the lower ones,
+    /// of which nothing is ever seen.
+    pub filled_share: Vec<f32>,
+    /// Upper patches of which less than a quarter was seen.
     pub filled_patches: usize,
     /// Pixels above the horizon that were clipped in every frame, the sun's not counted.
     pub clipped_pixels: usize,
+    /// Horizontal irradiance of the sky without the sun, pixel by pixel, the filled parts counted at their patches.
+    pub sky_irradiance: [f64; 3],
+}
+
+impl Captured {
+    /// How far the sum of radiance x solid angle x max(y, 0) over the patches is off the picture's own horizontal
+    /// irradiance (luminance, relative; the sun left out of both). Patches count at their centroids, which alone makes 0.2 %.
+    pub fn irradiance_off(&self, set: &PatchSet) -> f64 {
+        let sky = PatchWeights { radiance: self.weights.radiance.clone(), sun: None };
+        let light = |rgb: [f64; 3]| f64::from(luminance(rgb.map(|v| v as f32)));
+        let truth = light(self.sky_irradiance);
+        if truth > 0.0 { light(sky.horizontal_irradiance(set)) / truth - 1.0 } else { 0.0 }
+    }
 }
 
 /// Why a picture cannot become weights; one line.
@@ -89,41 +123,30 @@ pub enum CaptureError {
     NoSky,
 }
 
-/// The part of a pixel's solid angle that lies in a patch.
-#[derive(Clone, Copy)]
-struct Share {
-    pixel: u32,
-    patch: u16,
-    omega: f32,
-}
-
-/// A pixel with its direction and solid angle above the horizon.
-#[derive(Clone, Copy)]
-struct SkyPixel {
-    pixel: u32,
-    dir: [f32; 3],
-    omega: f32,
+/// A merged picture in the weights' unit, with its geometry.
+struct SkyPicture<'p> {
+    merged: &'p Merged,
+    sky: &'p [[f32; 3]],
+    dirs: &'p [[f32; 3]],
+    omegas: &'p [f32],
 }
 
 /// Turns merged pictures of one camera into weights of one patch set.
 pub struct Capture {
     set: PatchSet,
     settings: CaptureSettings,
+    lens: Lens,
     size: (usize, usize),
-    shares: Vec<Share>,
-    pixels: Vec<SkyPixel>,
-    /// Scratch: radiance per picture pixel in the weights' unit.
+    shares: Shares,
+    filled_share: Vec<f32>,
+    filled_patches: usize,
+    beam: Beam,
+    /// Scratch: radiance per picture pixel in the weights' unit, sums per patch, ratios to the model.
     sky: Vec<[f32; 3]>,
-}
-
-/// The sun's neighbourhood in a picture.
-struct SunSpot {
-    /// Picture pixel and its in-painted radiance.
-    inpainted: Vec<(usize, [f32; 3])>,
-    irradiance: [f64; 3],
-    ring: f64,
-    clipped: bool,
-    brightest: f64,
+    sums: Vec<[f64; 3]>,
+    ratios: Vec<f32>,
+    smooth: SmoothSky,
+    spot: SunSpot,
 }
 
 impl Capture {
@@ -143,21 +166,28 @@ impl Capture {
         {
             return Err(CaptureError::Size { lens_width, lens_height, width, height });
         }
-        let (mut shares, mut pixels) = (Vec::new(), Vec::new());
-        for pixel in 0..width * height {
-            if mask.is_some_and(|mask| !mask.get(pixel).copied().unwrap_or(false)) {
-                continue;
-            }
-            let omega = add_shares(lens, [(pixel % width) as f64, (pixel / width) as f64], pixel, &set, &mut shares);
-            let centre = lens.unproject([(pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5]);
-            if let (true, Some(dir)) = (omega > 0.0, centre) {
-                pixels.push(SkyPixel { pixel: pixel as u32, dir: dir.map(|c| c as f32), omega });
-            }
-        }
-        if pixels.is_empty() {
+        let shares = Shares::new(lens, (width, height), &set, mask);
+        if shares.count() == 0 {
             return Err(CaptureError::NoSky);
         }
-        Ok(Capture { set, settings, size: (width, height), shares, pixels, sky: Vec::new() })
+        let unseen = |patch: usize| (1.0 - shares.seen[patch] / f64::from(set.solid_angle_sr(patch))).max(0.0) as f32;
+        let marked = |patch: usize| if patch < set.upper() && unseen(patch) > MISSING { unseen(patch) } else { 0.0 };
+        let filled_share: Vec<f32> = (0..set.len()).map(marked).collect();
+        Ok(Capture {
+            filled_patches: filled_share.iter().filter(|&&share| !is_enough(share)).count(),
+            filled_share,
+            set,
+            settings,
+            lens: lens.clone(),
+            size: (width, height),
+            shares,
+            beam: Beam::default(),
+            sky: Vec::new(),
+            sums: Vec::new(),
+            ratios: Vec::new(),
+            smooth: SmoothSky::default(),
+            spot: SunSpot::default(),
+        })
     }
 
     /// Sets the radiance of one full-well fraction per second.
@@ -165,11 +195,35 @@ impl Capture {
         self.settings.radiance_scale = radiance_scale;
     }
 
+    /// Per picture pixel the sum of its solid angle in each patch times that patch's value: what a pixel matters for.
+    pub fn pixel_importance(&self, per_patch: &[f32]) -> Vec<f32> {
+        let mut importance = vec![0.0; self.size.0 * self.size.1];
+        for share in &self.shares.shares {
+            importance[share.pixel as usize] += share.omega * per_patch.get(usize::from(share.patch)).unwrap_or(&1.0);
+        }
+        importance
+    }
+
     /// Weights of a merged picture; `sun` is the ephemeris' position, none while the time is not known.
     ///
     /// # Errors
     /// [`CaptureError::Size`] for a picture of another size.
     pub fn weights(&mut self, merged: &Merged, sun: Option<SunPosition>) -> Result<Captured, CaptureError> {
+        let mut captured = Captured::default();
+        self.weights_into(merged, sun, &mut captured)?;
+        Ok(captured)
+    }
+
+    /// The same into memory that is reused.
+    ///
+    /// # Errors
+    /// [`CaptureError::Size`] for a picture of another size.
+    pub fn weights_into(
+        &mut self,
+        merged: &Merged,
+        sun: Option<SunPosition>,
+        into: &mut Captured,
+    ) -> Result<(), CaptureError> {
         if (merged.width, merged.height) != self.size {
             let (lens_width, lens_height) = self.size;
             return Err(CaptureError::Size { lens_width, lens_height, width: merged.width, height: merged.height });
@@ -177,152 +231,155 @@ impl Capture {
         let scale = self.settings.radiance_scale as f32;
         self.sky.clear();
         self.sky.extend(merged.radiance.iter().map(|rgb| rgb.map(|v| v * scale)));
-        let is_clipped = |p: &SkyPixel| merged.state[p.pixel as usize] == PixelState::Clipped;
-        let mut clipped_pixels = self.pixels.iter().filter(|p| is_clipped(p)).count();
+        let states = merged.state.iter().zip(&self.shares.omegas);
+        into.clipped_pixels = states.filter(|(state, omega)| **omega > 0.0 && **state == PixelState::Clipped).count();
         let up = sun.filter(|position| luminance(clear_beam(position.altitude_deg as f32, 3.0)) > 0.0);
-        let spot = up.and_then(|position| self.sun_spot(merged, dir_world(position, self.settings.north_deg)));
-        for &(pixel, value) in spot.iter().flat_map(|spot| &spot.inpainted) {
-            clipped_pixels -= usize::from(merged.state[pixel] == PixelState::Clipped);
-            self.sky[pixel] = value;
-        }
-        let (radiance, filled_patches) = self.patches();
-        let mut weights = PatchWeights { radiance, sun: None };
-        let sun_source = match (sun, up, spot) {
-            (None, ..) => SunSource::NoPosition,
-            (_, None, _) => SunSource::BelowHorizon,
-            (_, Some(position), Some(spot)) => self.add_sun(position, &spot, &mut weights),
-            (_, Some(_), None) => SunSource::Covered,
+        (into.weights.sun, into.beam_share) = (None, None);
+        into.sun_source = match (sun, up) {
+            (None, _) => SunSource::NoPosition,
+            (_, None) => SunSource::BelowHorizon,
+            (_, Some(position)) => self.take_out_sun(merged, position, into),
         };
-        let irradiance = weights.horizontal_irradiance(&self.set);
+        if into.weights.sun.is_none() {
+            self.fill_patches(into);
+        }
+        self.fill_ground(into);
+        into.filled_share.clone_from(&self.filled_share);
+        into.filled_patches = self.filled_patches;
+        Ok(())
+    }
+
+    /// The sun to its own weight and the sky behind it to the patches; the picture as it was where none shines.
+    fn take_out_sun(&mut self, merged: &Merged, position: SunPosition, into: &mut Captured) -> SunSource {
+        let sun_dir = dir_world(position, self.settings.north_deg);
+        let picture = SkyPicture { merged, sky: &self.sky, dirs: &self.shares.dirs, omegas: &self.shares.omegas };
+        if !self.spot.look(&self.lens, &picture, sun_dir) {
+            return SunSource::Covered;
+        }
+        for &(pixel, _, left) in &self.spot.spot {
+            self.sky[pixel as usize] = left;
+        }
+        self.fill_patches(into);
+        let source = self.add_sun(position, into);
+        let is_clipped = |&&(pixel, ..): &&(u32, _, _)| merged.state[pixel as usize] == PixelState::Clipped;
+        if into.weights.sun.is_some() {
+            into.clipped_pixels -= self.spot.spot.iter().filter(is_clipped).count();
+        } else {
+            for &(pixel, found, _) in &self.spot.spot {
+                self.sky[pixel as usize] = found;
+            }
+        }
+        source
+    }
+
+    /// Mean radiance per upper patch, and what was not seen.
+    fn fill_patches(&mut self, into: &mut Captured) {
+        self.sums.clear();
+        self.sums.resize(self.set.len(), [0.0; 3]);
+        let mut level = [0.0; 3];
+        for share in &self.shares.shares {
+            let (value, omega) = (self.sky[share.pixel as usize], f64::from(share.omega));
+            let up = f64::from(self.shares.dirs[share.pixel as usize][1]);
+            let sum = &mut self.sums[usize::from(share.patch)];
+            for k in 0..3 {
+                let light = f64::from(value[k]) * omega;
+                sum[k] += light;
+                level[k] += light * up;
+            }
+        }
+        let radiance = &mut into.weights.radiance;
+        radiance.clear();
+        let means = self.sums.iter().zip(&self.shares.seen);
+        radiance.extend(means.map(|(sum, &seen)| sum.map(|v| if seen > 0.0 { (v / seen) as f32 } else { 0.0 })));
+        if self.filled_share.iter().any(|&share| share > 0.0) {
+            self.fill_missing(radiance);
+        }
+        for (patch, value) in radiance.iter().enumerate().take(self.set.upper()) {
+            let missing = self.filled_share[patch] * self.set.solid_angle_sr(patch);
+            let weight = f64::from(missing * self.set.dir_world(patch)[1]);
+            level = std::array::from_fn(|k| level[k] + weight * f64::from(value[k]));
+        }
+        into.sky_irradiance = level;
+    }
+
+    fn fill_missing(&mut self, radiance: &mut [[f32; 3]]) {
+        let (set, missing) = (&self.set, &self.filled_share);
+        self.smooth.fit(set, radiance, |patch| is_enough(missing[patch]));
+        for patch in (0..set.upper()).filter(|&patch| missing[patch] > 0.0) {
+            let whole = self.smooth.at(set.dir_world(patch));
+            radiance[patch] = if is_enough(missing[patch]) {
+                let dir = self.shares.seen_dirs[patch];
+                let length = dir.iter().map(|c| c * c).sum::<f32>().sqrt().max(1e-6);
+                let part = self.smooth.at(dir.map(|c| c / length));
+                std::array::from_fn(|k| (radiance[patch][k] + whole[k] - part[k]).max(0.5 * radiance[patch][k]))
+            } else {
+                whole
+            };
+        }
+    }
+
+    fn fill_ground(&mut self, into: &mut Captured) {
+        let irradiance = into.weights.horizontal_irradiance(&self.set);
         let albedo = self.settings.ground_albedo;
         let ground = std::array::from_fn(|k| albedo[k] * (irradiance[k] / std::f64::consts::PI) as f32);
-        weights.radiance[self.set.upper()..].fill(ground);
-        Ok(Captured { weights, sun_source, filled_patches, clipped_pixels })
+        into.weights.radiance[self.set.upper()..].fill(ground);
     }
 
-    /// What stands above the in-painted sky within 1 degree of the sun (one and a half pixels if these are larger).
-    fn sun_spot(&self, merged: &Merged, sun_dir: [f32; 3]) -> Option<SunSpot> {
-        let cosine = |p: &SkyPixel| (0..3).map(|k| p.dir[k] * sun_dir[k]).sum::<f32>();
-        let nearest = self.pixels.iter().max_by(|a, b| cosine(a).total_cmp(&cosine(b)))?;
-        let radius = SUN_RADIUS_DEG.to_radians().max(1.5 * f64::from(nearest.omega).sqrt());
-        let (inner, outer) = (radius.cos() as f32, (1.6 * radius).cos() as f32);
-        let near: Vec<&SkyPixel> = self.pixels.iter().filter(|p| cosine(p) >= outer).collect();
-        let (cap, ring): (Vec<&SkyPixel>, Vec<&SkyPixel>) = near.into_iter().partition(|p| cosine(p) >= inner);
-        if cap.is_empty() || ring.is_empty() {
-            return None;
-        }
-        let value = |p: &SkyPixel| self.sky[p.pixel as usize];
-        let ring_omega: f32 = ring.iter().map(|p| p.omega).sum();
-        let ring_mean = ring.iter().map(|p| p.omega * luminance(value(p))).sum::<f32>() / ring_omega;
-        let mut spot = SunSpot {
-            inpainted: Vec::new(),
-            irradiance: [0.0; 3],
-            ring: ring_mean.into(),
-            clipped: false,
-            brightest: 0.0,
-        };
-        for pixel in cap {
-            let (mut sky, mut total) = ([0.0; 3], 0.0);
-            for other in &ring {
-                let apart: f32 = (0..3).map(|k| (pixel.dir[k] - other.dir[k]).powi(2)).sum();
-                let weight = other.omega / apart.max(1e-9);
-                total += weight;
-                sky = std::array::from_fn(|k| sky[k] + weight * value(other)[k]);
-            }
-            let found = value(pixel);
-            let left = std::array::from_fn(|k| found[k].min(sky[k] / total));
-            spot.clipped |= merged.state[pixel.pixel as usize] == PixelState::Clipped;
-            spot.brightest = spot.brightest.max(luminance(found).into());
-            for k in 0..3 {
-                spot.irradiance[k] += f64::from((found[k] - left[k]) * pixel.omega);
-            }
-            spot.inpainted.push((pixel.pixel as usize, left));
-        }
-        Some(spot)
-    }
-
-    /// Mean radiance per patch (lower ones 0), and how many upper ones had to be filled.
-    fn patches(&self) -> (Vec<[f32; 3]>, usize) {
-        let count = self.set.len();
-        let (mut sums, mut seen) = (vec![[0.0f64; 3]; count], vec![0.0f64; count]);
-        for share in &self.shares {
-            let (value, omega) = (self.sky[share.pixel as usize], f64::from(share.omega));
-            let sum = &mut sums[usize::from(share.patch)];
-            for k in 0..3 {
-                sum[k] += f64::from(value[k]) * omega;
-            }
-            seen[usize::from(share.patch)] += omega;
-        }
-        let enough = |p: usize| seen[p] >= SEEN_SHARE * f64::from(self.set.solid_angle_sr(p));
-        let mut radiance: Vec<[f32; 3]> =
-            (0..count).map(|p| if seen[p] > 0.0 { sums[p].map(|v| (v / seen[p]) as f32) } else { [0.0; 3] }).collect();
-        let missing: Vec<usize> = (0..self.set.upper()).filter(|&p| !enough(p)).collect();
-        if !missing.is_empty() {
-            let known: Vec<usize> = (0..self.set.upper()).filter(|&p| enough(p)).collect();
-            crate::smooth::fill(&self.set, &mut radiance, &known, &missing);
-        }
-        (radiance, missing.len())
-    }
-
-    fn add_sun(&self, position: SunPosition, spot: &SunSpot, weights: &mut PatchWeights) -> SunSource {
-        let above = position.altitude_deg.max(0.0);
-        let dir = dir_world(SunPosition { altitude_deg: above, ..position }, self.settings.north_deg);
+    fn add_sun(&mut self, position: SunPosition, into: &mut Captured) -> SunSource {
+        let spot = &self.spot;
         let light = f64::from(luminance(spot.irradiance.map(|v| v as f32)));
         let upper = self.set.upper();
-        let mean = weights.radiance[..upper].iter().map(|&v| f64::from(luminance(v))).sum::<f64>() / upper as f64;
+        let sky = into.weights.radiance[..upper].iter().map(|&v| f64::from(luminance(v))).sum::<f64>() / upper as f64;
+        let is_little = |light: f64| light < MIN_IRRADIANCE_SHARE * std::f64::consts::PI * sky;
         let stands_out = if spot.clipped {
             spot.brightest >= CLIPPED_CONTRAST * spot.ring
         } else {
             light / sun_solid_angle_sr() >= MIN_DISC_CONTRAST * spot.ring
-                && light >= MIN_IRRADIANCE_SHARE * std::f64::consts::PI * mean
         };
         if !stands_out || light <= 0.0 {
             return SunSource::Covered;
         }
         let least = spot.irradiance.map(|v| v as f32);
         let (irradiance, source) = if spot.clipped {
-            let modelled = self.modelled_sun(position, weights);
-            (std::array::from_fn(|k| modelled[k].max(least[k])), SunSource::ClearSkyModel)
+            let (modelled, share) = self.modelled_sun(position, &into.weights.radiance);
+            into.beam_share = Some(share);
+            let source = if share < VEILED { SunSource::Veiled } else { SunSource::ClearSkyModel };
+            (std::array::from_fn(|k| modelled[k].max(least[k])), source)
         } else {
             (least, SunSource::Measured)
         };
-        weights.sun = Some(SunWeight { dir_world: dir, irradiance });
+        if is_little(f64::from(luminance(irradiance))) {
+            return SunSource::Covered;
+        }
+        let above = SunPosition { altitude_deg: position.altitude_deg.max(0.0), ..position };
+        into.weights.sun = Some(SunWeight { dir_world: dir_world(above, self.settings.north_deg), irradiance });
         source
     }
 
-    /// The clear-sky beam in the measured sky's unit.
-    fn modelled_sun(&self, position: SunPosition, weights: &PatchWeights) -> [f32; 3] {
+    /// What comes through of the clear-sky beam in the measured sky's unit, and its share of that beam.
+    fn modelled_sun(&mut self, position: SunPosition, radiance: &[[f32; 3]]) -> ([f32; 3], f64) {
         let atmosphere = Atmosphere {
             turbidity: self.settings.turbidity,
             ground_albedo: self.settings.ground_albedo,
             ..Atmosphere::default()
         };
-        let model = SkyModel::new(atmosphere, position, self.settings.north_deg, 0.0).weights(&self.set);
-        let pairs = weights.radiance.iter().zip(&model.radiance).take(self.set.upper());
-        let mut ratios: Vec<f32> = pairs.map(|(a, b)| luminance(*a) / luminance(*b).max(1e-12)).collect();
-        let quarter = ratios.len() / 4;
-        let (_, &mut ratio, _) = ratios.select_nth_unstable_by(quarter, f32::total_cmp);
-        clear_beam(position.altitude_deg as f32, self.settings.turbidity).map(|v| v * ratio)
+        let model = SkyModel::new(atmosphere, position, self.settings.north_deg, 0.0);
+        self.ratios.clear();
+        for (patch, &found) in radiance.iter().enumerate().take(self.set.upper()) {
+            let clear = luminance(model.radiance(self.set.dir_world(patch))).max(1e-12);
+            self.ratios.push(luminance(found) / clear);
+        }
+        self.ratios.sort_unstable_by(f32::total_cmp);
+        let quarters = [self.ratios.len() / 4, self.ratios.len() / 2].map(|at| f64::from(self.ratios[at]));
+        let (share, unit) = self.beam.look(&self.spot.near, &model, quarters);
+        let beam = clear_beam(position.altitude_deg as f32, self.settings.turbidity);
+        (beam.map(|v| v * (unit * share) as f32), share)
     }
 }
 
-/// Adds the shares of a pixel with its corner at `corner`; returns its solid angle above the horizon.
-fn add_shares(lens: &Lens, corner: [f64; 2], pixel: usize, set: &PatchSet, shares: &mut Vec<Share>) -> f32 {
-    let (first, mut total) = (shares.len(), 0.0);
-    for sub in 0..4 {
-        let at = [corner[0] + 0.25 + 0.5 * f64::from(sub % 2), corner[1] + 0.25 + 0.5 * f64::from(sub / 2)];
-        let (Some(dir), Some(density)) = (lens.unproject(at), lens.solid_angle_sr(at)) else { continue };
-        if dir[1] < 0.0 {
-            continue;
-        }
-        let (patch, omega) = (set.patch_of(dir.map(|c| c as f32)) as u16, 0.25 * density as f32);
-        total += omega;
-        match shares[first..].iter_mut().find(|share| share.patch == patch) {
-            Some(share) => share.omega += omega,
-            None => shares.push(Share { pixel: pixel as u32, patch, omega }),
-        }
-    }
-    total
+/// Was enough of a patch seen of which this share was not?
+fn is_enough(missing: f32) -> bool {
+    f64::from(1.0 - missing) >= SEEN_SHARE
 }
 
 #[cfg(test)]

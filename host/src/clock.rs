@@ -1,8 +1,11 @@
 //! The clock a post lives by: the system's, or one of its own for replays and benches.
 
+mod synchronised;
+
 use crate::config::ClockConfig;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use synchronised::Synchronised;
 
 /// 2025-01-01: no post was built before, so an earlier clock has lost its time.
 const EARLIEST_UNIX_S: f64 = 1_735_689_600.0;
@@ -24,13 +27,20 @@ pub struct PostClock {
     config: ClockConfig,
     started: Instant,
     not_before_unix_s: f64,
+    synchronised: Synchronised,
 }
 
 impl PostClock {
-    /// Starts the clock. A system clock that shows a time before `not_before` (when the field was made) is not trusted.
+    /// Starts the clock. A system clock that shows a time before `not_before` (when the field was made) is not trusted, nor
+    /// one that waits for a time server and has nothing else to keep the time by.
     pub fn start(config: ClockConfig, not_before: Option<SystemTime>) -> Self {
         let made = not_before.map_or(0.0, unix_s);
-        PostClock { config, started: Instant::now(), not_before_unix_s: made.max(EARLIEST_UNIX_S) }
+        PostClock {
+            config,
+            started: Instant::now(),
+            not_before_unix_s: made.max(EARLIEST_UNIX_S),
+            synchronised: Synchronised::of_system(),
+        }
     }
 
     /// The time of frame `number`, now.
@@ -45,7 +55,13 @@ impl PostClock {
 
     fn judge(&self, unix_s: f64) -> Moment {
         // An hour of grace: files copied from a machine whose clock runs a little ahead.
-        Moment { unix_s, trusted: unix_s > self.not_before_unix_s - 3600.0 }
+        let is_late_enough = unix_s > self.not_before_unix_s - 3600.0;
+        Moment { unix_s, trusted: is_late_enough && self.synchronised.is_likely() }
+    }
+
+    /// False where the system's clock waits for a time server and has nothing else to keep the time by.
+    pub fn may_be_set(&self) -> bool {
+        self.synchronised.is_likely()
     }
 
     /// Waits until frame `number` is due; returns early when `stop` is set.

@@ -11,10 +11,13 @@ mod backdrop;
 mod compare;
 mod day;
 mod eye;
+mod fast;
 mod figures;
 mod report;
 mod site;
 mod trace;
+
+pub use fast::fast_day;
 
 use std::path::Path;
 use std::time::Instant;

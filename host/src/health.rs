@@ -2,7 +2,7 @@
 
 use crate::outfile::{OutError, write_whole};
 use crate::relight::FrameCounters;
-use crate::sky_source::SunSource;
+use crate::sky_source::{SeriesReport, SunSource};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -18,8 +18,19 @@ pub enum WeightsState {
     Fresh,
     /// The sky source fails; the last good weights are held.
     Held,
+    /// It has failed for long: the last good weights fade to a model of the last sky by the time of day.
+    Fading,
+    /// They have faded.
+    Modelled,
     /// No good weights yet: an even sky stands in.
     StandIn,
+}
+
+impl WeightsState {
+    /// Are these not what the sky shows now, though it was seen?
+    pub fn is_stale(self) -> bool {
+        matches!(self, WeightsState::Held | WeightsState::Fading | WeightsState::Modelled)
+    }
 }
 
 /// Where the view shown comes from, when it is a live one.
@@ -72,8 +83,14 @@ pub struct Health {
     pub weights_age_s: f64,
     /// How the sun is known.
     pub sun: SunSource,
+    /// Share of the clear-sky beam that comes through to a camera which the sun saturates.
+    pub sun_share: Option<f64>,
     /// Where the sun stands, azimuth and altitude in degrees, when there is one.
     pub sun_azimuth_altitude_deg: Option<[f64; 2]>,
+    /// The sky camera's series: its plan, what is missing of it, whether the sky is calm.
+    pub sky_series: Option<SeriesReport>,
+    /// Patches of the sky of which the camera sees too little; they are filled from a smooth sky.
+    pub filled_patches: usize,
     /// Exposure, as EV: radiance x 2^ev.
     pub exposure_ev: f64,
     /// Times the sky source failed since the start.

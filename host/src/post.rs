@@ -5,6 +5,7 @@ use crate::config::{Config, Limits};
 use crate::damage::Damage;
 use crate::display::{Display, Frame};
 use crate::exposure::ExposureControl;
+use crate::fading::Fading;
 use crate::failure::{Failure, OrFail};
 use crate::health::{Health, ViewState, WELL, WeightsState};
 use crate::labels::{Labels, News};
@@ -85,6 +86,7 @@ pub struct Post<'p> {
     latency: Latency,
     behind: Option<Behind<'p>>,
     light_log: Option<LightLog>,
+    fading: Option<Fading>,
     watchdog: Option<Watchdog>,
     held_since_unix_s: Option<f64>,
     weights: WeightsState,
@@ -134,6 +136,7 @@ impl<'p> Post<'p> {
             latency: Latency::default(),
             behind: parts.view.take().map(Behind::new),
             light_log: None,
+            fading: None,
             watchdog: None,
             held_since_unix_s: None,
             weights: WeightsState::StandIn,
@@ -162,6 +165,11 @@ impl<'p> Post<'p> {
     /// Logs the light of every frame that brings new one.
     pub fn log_light(&mut self, log: LightLog) {
         self.light_log = Some(log);
+    }
+
+    /// Lets light that is held for too long fade to a model.
+    pub fn fade_by(&mut self, fading: Fading) {
+        self.fading = Some(fading);
     }
 
     /// Tells the service manager that frames are presented.
@@ -256,7 +264,7 @@ impl<'p> Post<'p> {
     fn label(&mut self, moment: Moment) -> Result<(), Failure> {
         self.is_due = self.told != Some(self.vital(moment)) || self.told_at.elapsed() >= HEALTH_INTERVAL;
         if self.is_due {
-            let held = self.held_since_unix_s.filter(|_| self.weights == WeightsState::Held);
+            let held = self.held_since_unix_s.filter(|_| self.weights.is_stale());
             let held_s = held.map(|since| moment.unix_s - since);
             let (state, sun) = (self.state(moment), self.sun());
             self.labels.tell(&News { moment, state: &state, held_s, sun });
@@ -323,6 +331,9 @@ impl<'p> Post<'p> {
             weights: self.weights,
             weights_age_s: self.held_since_unix_s.map_or(0.0, |since| moment.unix_s - since),
             sun: self.held.sun,
+            sun_share: self.held.sun_share,
+            sky_series: self.held.series,
+            filled_patches: self.held.filled_patches,
             sun_azimuth_altitude_deg: self.sun().map(|p| [p.azimuth_deg, p.altitude_deg]),
             exposure_ev: self.exposure.ev(),
             sky_faults: self.sky_faults,
@@ -349,6 +360,8 @@ impl<'p> Post<'p> {
         match self.weights {
             WeightsState::Fresh => {}
             WeightsState::Held => parts.push(format!("sky fails, last weights held: {fault}")),
+            WeightsState::Fading => parts.push(format!("sky fails, the last light fades to a model: {fault}")),
+            WeightsState::Modelled => parts.push(format!("sky fails, a model's light stands in: {fault}")),
             WeightsState::StandIn => parts.push(format!("no sky yet, an even one stands in: {fault}")),
         }
         parts.extend(self.behind.as_ref().and_then(Behind::trouble));

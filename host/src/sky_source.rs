@@ -1,6 +1,7 @@
 //! Where a post's weights come from, moment by moment.
 
 pub mod background;
+pub mod calm;
 pub mod captured;
 #[cfg(feature = "board")]
 pub mod live;
@@ -8,6 +9,7 @@ pub mod logged;
 pub mod simulated;
 
 use crate::clock::Moment;
+use crate::planner::PlanReport;
 use crate::weights::PatchWeights;
 use serde::Serialize;
 use std::time::Instant;
@@ -16,13 +18,32 @@ use std::time::Instant;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SunSource {
-    /// No sun: below the horizon, covered, or not to be trusted.
+    /// No sun, and nothing known of one: no place, or not looked yet.
     #[default]
     None,
+    /// None: the clock is not trusted, and the sun's place comes from it.
+    ClockNotTrusted,
+    /// None: below the horizon.
+    BelowHorizon,
+    /// None: nothing stands out where it is.
+    Covered,
+    /// From a clear-sky model, less what is before it.
+    Veiled,
     /// From what the frames of the series can still measure.
     Measured,
     /// From a clear-sky model.
     Model,
+}
+
+/// The series that a reading rests on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct SeriesReport {
+    /// The exposures of the next one.
+    pub plan: PlanReport,
+    /// Frames that did not come.
+    pub missing: usize,
+    /// The sky stands still: one frame now and then, a series every five seconds.
+    pub is_calm: bool,
 }
 
 /// The light of one moment.
@@ -32,6 +53,12 @@ pub struct SkyReading {
     pub weights: PatchWeights,
     /// How the sun in them is known.
     pub sun: SunSource,
+    /// Share of the clear-sky beam that comes through, where it is looked for.
+    pub sun_share: Option<f64>,
+    /// Upper patches filled from a smooth sky because the camera sees too little of them.
+    pub filled_patches: usize,
+    /// The series that a camera took.
+    pub series: Option<SeriesReport>,
     /// Exposures that the light was relit with when it was logged, in order; empty for light that was not.
     pub exposures: Vec<f32>,
     /// When a camera took the last picture that they rest on.

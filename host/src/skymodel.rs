@@ -140,6 +140,11 @@ impl SkyModel {
         std::array::from_fn(|k| fade * (day[k] * (1.0 - blue) + dusk[k] * blue) + NIGHT[k])
     }
 
+    /// Unit direction towards the sun.
+    pub fn sun_dir(&self) -> [f32; 3] {
+        self.sun_dir
+    }
+
     /// Radiance without the sun's disc in a unit direction; the ground's below the horizon.
     pub fn radiance(&self, dir: [f32; 3]) -> [f32; 3] {
         if dir[1] < 0.0 {

@@ -1,6 +1,7 @@
 //! What the whole-system tests in `tests/tests` share: a small scene made in code, the two programs, and pictures read
 //! without the code under test.
 
+pub mod counting;
 pub mod files;
 pub mod light;
 pub mod picture;

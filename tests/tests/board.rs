@@ -52,7 +52,10 @@ fn shown_again(folder: &Path, name: &str) -> [Vec<u8>; 2] {
 fn run_scenario(scenario: &str, size: &str, more: &[&str]) -> Option<PathBuf> {
     static ONE_BOARD: Mutex<()> = Mutex::new(());
     let Some(programs) = std::env::var_os("RELUME_BOARD_PROGRAMS") else {
-        skip("the virtual board", "set RELUME_BOARD_PROGRAMS to a folder with relume, usbcam and usbcam-probe for arm64");
+        skip(
+            "the virtual board",
+            "set RELUME_BOARD_PROGRAMS to a folder with relume, usbcam and usbcam-probe for arm64",
+        );
         return None;
     };
     let _one = ONE_BOARD.lock().unwrap_or_else(PoisonError::into_inner);

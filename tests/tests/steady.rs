@@ -1,7 +1,6 @@
 //! The loop of a post in its steady state: no allocation in a frame, whatever light and view do, and no memory kept.
 
 #![allow(clippy::unwrap_used)]
-#![allow(unsafe_code)]
 
 use relume::camera::{Camera, CameraError, CameraLimits, Exposure, Frame as CameraFrame};
 use relume::clock::{Moment, PostClock};
@@ -15,52 +14,15 @@ use relume::sky_source::{SkyFault, SkyReading, SkySource, SunSource};
 use relume::view::Still;
 use relume::view::live::{CameraView, ViewSource};
 use relume::weights::{PatchWeights, SunWeight};
+use relume_tests::counting::{Counting, allocations, held_bytes};
 use relume_tests::files::{fresh_folder, put};
 use relume_tests::program::bake_in;
 use relume_tests::scene::write_courtyard;
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use std::sync::atomic::{AtomicI64, Ordering};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Instant;
-
-/// The system's allocator, which counts what this thread asks of it, and the bytes that all threads hold.
-struct Counting;
-
-static HELD_BYTES: AtomicI64 = AtomicI64::new(0);
-
-thread_local! {
-    static COUNT: Cell<u64> = const { Cell::new(0) };
-}
-
-fn note(bytes: i64) {
-    HELD_BYTES.fetch_add(bytes, Ordering::Relaxed);
-    // A thread that is ending has no count any more.
-    let _ = COUNT.try_with(|count| count.set(count.get() + 1));
-}
-
-// SAFETY: every call goes to the system's allocator as it came.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        note(layout.size() as i64);
-        // SAFETY: as the caller promises.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
-        HELD_BYTES.fetch_sub(layout.size() as i64, Ordering::Relaxed);
-        // SAFETY: as the caller promises.
-        unsafe { System.dealloc(memory, layout) }
-    }
-
-    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        note(size as i64 - layout.size() as i64);
-        // SAFETY: as the caller promises.
-        unsafe { System.realloc(memory, layout, size) }
-    }
-}
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
@@ -111,8 +73,8 @@ impl Display for Watching {
     }
 
     fn present(&mut self, _frame: &Frame<'_>) -> Result<(), DisplayError> {
-        let now = COUNT.with(Cell::get);
-        self.0.borrow_mut().push((now - self.2, HELD_BYTES.load(Ordering::Relaxed)));
+        let now = allocations();
+        self.0.borrow_mut().push((now - self.2, held_bytes()));
         self.2 = now;
         Ok(())
     }
@@ -151,6 +113,9 @@ fn config(folder: &Path, name: &str) -> Config {
 
 /// Runs a post, over a live view if there is one; its state goes to the folder `name`.
 fn run_steadily(name: &str, view: Option<Box<dyn ViewSource>>) {
+    // The bytes that are held are those of all threads: one post at a time.
+    static ONE_POST: Mutex<()> = Mutex::new(());
+    let _one = ONE_POST.lock().unwrap_or_else(PoisonError::into_inner);
     let config = config(field_folder(), name);
     let file = FieldFile::open(&config.field).unwrap();
     // One thread: what rayon allocates to hand work over is its own.

@@ -63,6 +63,10 @@ fn stick(frame: &mut Frame, column: usize, code: u8) {
 }
 
 impl<C: Camera> Camera for FaultyCamera<C> {
+    fn stand_frames(&self) -> u32 {
+        self.inner.stand_frames()
+    }
+
     fn limits(&self) -> CameraLimits {
         self.inner.limits()
     }

@@ -189,6 +189,10 @@ impl<C: Camera> Plausible<C> {
 }
 
 impl<C: Camera> Camera for Plausible<C> {
+    fn stand_frames(&self) -> u32 {
+        self.inner.stand_frames()
+    }
+
     fn limits(&self) -> CameraLimits {
         self.inner.limits()
     }

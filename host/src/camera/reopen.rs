@@ -112,6 +112,10 @@ impl<C: Camera, F: FnMut() -> Result<C, CameraError>> Reopening<C, F> {
 }
 
 impl<C: Camera, F: FnMut() -> Result<C, CameraError> + Send> Camera for Reopening<C, F> {
+    fn stand_frames(&self) -> u32 {
+        self.camera.as_ref().map_or(1, Camera::stand_frames)
+    }
+
     fn limits(&self) -> CameraLimits {
         self.camera.as_ref().map_or(self.limits, Camera::limits)
     }

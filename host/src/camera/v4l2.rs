@@ -270,6 +270,10 @@ impl V4l2Camera {
 }
 
 impl Camera for V4l2Camera {
+    fn stand_frames(&self) -> u32 {
+        if self.manual.fixed().is_some() { 1 } else { self.timeline.stand_frames() }
+    }
+
     fn limits(&self) -> CameraLimits {
         let (width, height) = self.agreed.layout.output_size();
         let (min_exposure_s, max_exposure_s, exposure_step_s) = self.manual.times_s();

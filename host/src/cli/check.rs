@@ -223,6 +223,10 @@ fn clock(config: &Config) -> Result<String, String> {
     match (config.clock, now.trusted) {
         (ClockConfig::Simulated { .. }, _) => Ok(format!("a simulated clock starts at {shown}")),
         (_, true) => Ok(format!("the system's clock shows {shown}")),
+        (_, false) if !clock.may_be_set() => Err(format!(
+            "the system's clock shows {shown}, but no time server has set it since the start and there is no hardware clock: \
+             connect one"
+        )),
         (_, false) => Err(format!(
             "the system's clock shows {shown}, before the field was made ({}); set it, or connect a time server",
             made.unwrap_or(SystemTime::UNIX_EPOCH)

@@ -7,7 +7,9 @@ use crate::clock::PostClock;
 use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind};
 use crate::display::Display;
 use crate::display::headless::Headless;
+use crate::fading::Fading;
 use crate::failure::{Failure, OrFail};
+use crate::importance::importance;
 use crate::lightlog::LightLog;
 use crate::painter::field::FieldPainter;
 use crate::post::{Parts, Post, PostReport, Signals};
@@ -120,6 +122,9 @@ fn run(config: &Config, setup: bool, signals: &Signals) -> Result<PostReport, Fa
     if let Some(path) = &config.light_log {
         post.log_light(LightLog::create(path).or_bad()?);
     }
+    if let Some(site) = config.site {
+        post.fade_by(Fading::new(site, config.weather, *field.patch_set(), f64::from(field.camera().north_deg)));
+    }
     if let Some(watchdog) = Watchdog::of_this_service() {
         post.feed(watchdog);
     }
@@ -168,10 +173,10 @@ fn open_source(config: &Config, field: &Field<'_>) -> Result<Box<dyn SkySource +
             Ok(Box::new(LoggedSky::open(log, patches.len()).or_bad()?))
         }
         #[cfg(feature = "board")]
-        (SkyKind::Camera, _) => Ok(Box::new(LiveSky::new(config, patches, north_deg).or_bad()?)),
+        (SkyKind::Camera, _) => Ok(Box::new(LiveSky::new(config, patches, north_deg, importance(field)).or_bad()?)),
         #[cfg(not(feature = "board"))]
         (SkyKind::Camera, _) => Err(no_drivers(config, "sky = \"camera\"")),
         (SkyKind::Simulated, Some(site)) => Ok(Box::new(SimulatedSky::new(site, config.weather, patches, north_deg))),
-        _ => Ok(Box::new(CapturedSky::open(config, patches, north_deg).or_bad()?)),
+        _ => Ok(Box::new(CapturedSky::open(config, patches, north_deg).or_bad()?.with_importance(&importance(field)))),
     }
 }

@@ -17,11 +17,13 @@ relume sky merge FRAMES_DIR [--response CURVE.csv] [--lens LENS.json] [--sun AZ,
   --sun AZ,ALT          where the sun stands, degrees; what was clipped there is rebuilt (needs --lens)
   --site LAT,LON        the same from place and the frames' captured_at
 
-relume sky weights MAP --field FIELD [--lens LENS.json] [--sun AZ,ALT] [--env-rot DEG] -o W.csv
+relume sky weights MAP --field FIELD [--lens LENS.json] [--sun AZ,ALT] [--env-rot DEG] [--json] -o W.csv
   Weights for the field's patches.
   --lens LENS.json      MAP is a camera's picture, as `sky merge` without --lens gives it; left out, a lat-long map
   --sun AZ,ALT          with --lens: where the sun stands
   --env-rot DEG         without --lens: turns the map about +Y
+  --json                which patches were filled from a smooth sky, how the sun is known, and how far the weights'
+                        horizontal irradiance is off the map's
 
 relume sky response, relume sky lens and --probe come with a later version.
 ",

@@ -2,11 +2,13 @@
 
 use relume_firmware::patches::PatchSet;
 
-use crate::bracket::{MergeSettings, Merged, Merger, Planner};
+use crate::bracket::{MergeSettings, Merged, Merger};
+use crate::camera::Camera;
+use crate::camera::series::Series;
 use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
-use crate::camera::{Camera, Frame, take_series};
 use crate::capture::{Capture, CaptureSettings};
 use crate::failure::{Failure, OrFail};
+use crate::planner::Planner;
 use crate::response::Response;
 use crate::skymodel::{Atmosphere, SkyModel};
 use crate::sun::{Place, SunPosition, sun_position};
@@ -24,7 +26,7 @@ pub(super) struct Eye {
     merger: Merger,
     capture: Capture,
     place: Place,
-    frames: Vec<Frame>,
+    series: Series,
     merged: Merged,
 }
 
@@ -62,7 +64,7 @@ impl Eye {
             capture: Capture::new(camera.lens(), (PIXELS, PIXELS), patches, capture, None).or_runtime()?,
             camera,
             place,
-            frames: Vec::new(),
+            series: Series::default(),
             merged: Merged::default(),
         })
     }
@@ -70,12 +72,10 @@ impl Eye {
     /// One series at a moment (Unix seconds); more while the exposures do not fit the light yet.
     pub fn look(&mut self, unix_s: f64) -> Result<Seen, Failure> {
         for _ in 0..ATTEMPTS {
-            let planned = self.planner.exposures();
             self.camera.set_time(unix_s);
-            take_series(&mut self.camera, &planned, &mut self.frames).or_runtime()?;
-            self.merger.merge(&self.frames, &mut self.merged).or_runtime()?;
-            self.planner.follow(&self.merged);
-            if self.planner.exposures() == planned {
+            self.series.take(&mut self.camera, self.planner.exposures()).or_runtime()?;
+            self.merger.merge(self.series.frames(), &mut self.merged).or_runtime()?;
+            if !self.planner.follow(&self.merged) {
                 break;
             }
         }

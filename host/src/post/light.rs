@@ -5,7 +5,7 @@ use crate::clock::Moment;
 use crate::failure::Failure;
 use crate::health::WeightsState;
 use crate::lightlog::LoggedLight;
-use crate::sky_source::SkyFault;
+use crate::sky_source::{SkyFault, SunSource};
 
 impl Post<'_> {
     /// Asks the sky for new weights and keeps the old ones if there are none. True when there will be no more.
@@ -27,7 +27,24 @@ impl Post<'_> {
                 }
             }
         }
+        self.fade(moment);
         false
+    }
+
+    /// Light that was held for too long goes over to a model's.
+    fn fade(&mut self, moment: Moment) {
+        let (Some(fading), Some(since)) = (&mut self.fading, self.held_since_unix_s) else { return };
+        if !self.weights.is_stale() {
+            return fading.forget();
+        }
+        if let Some(share) = fading.step(&self.held.weights, since, moment, &mut self.next.weights) {
+            std::mem::swap(&mut self.held.weights, &mut self.next.weights);
+            self.held.sun = if self.held.weights.sun.is_some() { SunSource::Model } else { SunSource::None };
+            (self.held.sun_share, self.held.taken) = (None, None);
+            self.held.exposures.clear();
+            self.weights = if share < 1.0 { WeightsState::Fading } else { WeightsState::Modelled };
+            self.is_new = true;
+        }
     }
 
     /// New weights to the painter, with the exposure in use, and once more where they ask for another; logged light with the

@@ -100,7 +100,7 @@ impl ViewSource for Behind {
 }
 
 fn run(extra: &str, script: &[Option<f32>], broken: bool) -> (Result<PostReport, Failure>, Vec<u32>, String) {
-    run_over(extra, script, None, broken)
+    run_with(extra, script, None, broken, |_| {})
 }
 
 fn run_over(
@@ -108,6 +108,16 @@ fn run_over(
     script: &[Option<f32>],
     view: Option<&[Option<u32>]>,
     broken: bool,
+) -> (Result<PostReport, Failure>, Vec<u32>, String) {
+    run_with(extra, script, view, broken, |_| {})
+}
+
+fn run_with(
+    extra: &str,
+    script: &[Option<f32>],
+    view: Option<&[Option<u32>]>,
+    broken: bool,
+    prepare: impl FnOnce(&mut Post<'_>),
 ) -> (Result<PostReport, Failure>, Vec<u32>, String) {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("POST.toml");
@@ -124,7 +134,9 @@ fn run_over(
         display: Box::new(Seen(seen.clone(), broken)),
         clock: PostClock::start(ClockConfig::Simulated { start_unix_s: START, step_s: 60.0, speed: None }, None),
     };
-    let report = Post::new(&config, parts).run(&Signals::default());
+    let mut post = Post::new(&config, parts);
+    prepare(&mut post);
+    let report = post.run(&Signals::default());
     let health = std::fs::read_to_string(&config.health).unwrap_or_default();
     let seen = seen.borrow().clone();
     (report, seen, health)
@@ -207,4 +219,29 @@ fn limits_end_the_post() {
 #[test]
 fn a_broken_display_ends_the_post() {
     assert!(run("", &[Some(1.0)], true).0.is_err());
+}
+
+#[test]
+fn light_held_for_too_long_fades_to_a_model() {
+    use crate::config::{Site, Weather};
+    use crate::sun::Place;
+    let place = Place { latitude_deg: 48.0, longitude_deg: 60.0 };
+    let site = Site { place, elevation_m: 0.0, ground_albedo: 0.2 };
+    let weather = Weather { turbidity: 3.0, cloud_cover: 0.0, seed: 1 };
+    let fade = |post: &mut Post<'_>| {
+        post.fade_by(crate::fading::Fading::new(site, weather, PatchSet::new(16).unwrap(), 0.0));
+    };
+    // A minute from frame to frame; START is 0:00 UTC in June: at 48 N, 60 E the sun rises, and the light with it.
+    let mut script = vec![None; 16];
+    (script[0], script[15]) = (Some(0.5), Some(0.7));
+    let (report, seen, _) = run_with(FIXED, &script, None, false, fade);
+    assert_eq!(seen[..3], [50; 3], "held for two minutes");
+    assert!(seen.windows(2).skip(2).take(12).all(|pair| pair[1] >= pair[0]) && seen[14] > 55, "{seen:?}");
+    assert!(seen.windows(2).take(14).all(|pair| pair[1] - pair[0] < 40), "no jump: {seen:?}");
+    assert_eq!((seen[15], report.unwrap().health.weights), (70, WeightsState::Fresh));
+    let (report, _, health) = run_with(FIXED, &script[..7], None, false, fade);
+    assert_eq!(report.unwrap().health.weights, WeightsState::Fading);
+    assert!(health.contains("fades to a model: camera unplugged"), "{health}");
+    let (report, ..) = run_with(FIXED, &script[..15], None, false, fade);
+    assert_eq!(report.unwrap().health.weights, WeightsState::Modelled);
 }

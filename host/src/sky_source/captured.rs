@@ -1,24 +1,29 @@
-//! The light as a camera sees it: series -> radiance -> weights. The camera is simulated or replayed.
+//! The light as a camera sees it: series -> radiance -> weights. The camera is real, simulated or replayed.
+//!
+//! Memory is that of the first series. A series of which frames are missing is merged from those that came.
 
+use super::calm::{Calm, Due};
 use super::{SkyFault, SkyReading, SkySource, SunSource};
-use crate::bracket::{MergeSettings, Merged, Merger, Planner};
+use crate::bracket::{MergeSettings, Merged, Merger};
 use crate::camera::plausible::{PictureFault, Plausible};
 use crate::camera::replay::ReplayCamera;
+use crate::camera::series::Series;
 use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
-use crate::camera::{Camera, CameraError, Exposure, Frame, take_series};
-use crate::capture::{self, Capture, CaptureSettings};
+use crate::camera::{Camera, CameraError, Exposure, Frame};
+use crate::capture::{self, Capture, CaptureSettings, Captured};
 use crate::clock::Moment;
-use crate::config::{Config, SkyKind};
+use crate::config::{ClockConfig, Config, SkyKind};
 use crate::lens::Lens;
+use crate::planner::Planner;
 use crate::response::Response;
 use crate::sun::{Place, SunPosition, sun_position};
 use relume_firmware::patches::PatchSet;
 use std::time::Instant;
 
-/// Exposures of one series.
-const SERIES: usize = 4;
+/// Most exposures of one series.
+pub const SERIES: usize = 4;
 /// Series that a camera may take until its exposures fit the light.
-const ATTEMPTS: usize = 5;
+const ATTEMPTS: usize = 6;
 /// With the sun higher than this no sky is black to a camera, under whatever clouds, degrees.
 const DAY_ALTITUDE_DEG: f64 = 5.0;
 
@@ -35,8 +40,12 @@ pub struct CapturedSky {
     merger: Merger,
     capture: Capture,
     place: Option<Place>,
-    frames: Vec<Frame>,
+    series: Series,
     merged: Merged,
+    captured: Captured,
+    calm: Calm,
+    watched: Frame,
+    expected: usize,
 }
 
 impl CapturedSky {
@@ -89,40 +98,129 @@ impl CapturedSky {
             turbidity: config.weather.turbidity as f32,
             north_deg,
         };
+        let capture = Capture::new(&lens, (limits.width, limits.height), patches, settings, None)?;
+        let mut planner = Planner::new(limits, SERIES);
+        planner.set_importance(&capture.pixel_importance(&[]));
+        // By a simulated clock every frame has its own light.
+        let may_rest = matches!(config.clock, ClockConfig::System { .. }) && !matches!(device, Device::Replay(..));
         Ok(CapturedSky {
-            planner: Planner::new(limits, SERIES),
+            planner,
             merger: Merger::new(MergeSettings { response: response(config, &device)?, ..MergeSettings::default() }),
-            capture: Capture::new(&lens, (limits.width, limits.height), patches, settings, None)?,
+            capture,
             place: config.site.map(|site| site.place),
-            frames: Vec::new(),
+            series: Series::default(),
             merged: Merged::default(),
+            captured: Captured::default(),
+            calm: Calm::new(may_rest),
+            watched: Frame::default(),
+            expected: 0,
             device,
         })
     }
 
-    /// Takes and merges one series, again while the exposures do not fit the light yet.
-    fn take(&mut self, unix_s: f64) -> Result<(), SkyFault> {
-        for _ in 0..self.attempts() {
-            let planned = self.planner.exposures();
-            let taken = match &mut self.device {
+    /// Spends exposures where the picture needs them: what each upper patch matters for, as [`crate::importance`] tells.
+    #[must_use]
+    pub fn with_importance(mut self, per_patch: &[f32]) -> Self {
+        self.planner.set_importance(&self.capture.pixel_importance(per_patch));
+        self
+    }
+
+    /// Takes and merges one series, again while the exposures do not fit the light yet; true if they fitted at once.
+    fn take(&mut self, unix_s: f64) -> Result<bool, SkyFault> {
+        for attempt in 0..self.attempts() {
+            let (camera, planned): (&mut dyn Camera, &[Exposure]) = match &mut self.device {
                 Device::Synthetic(camera) => {
                     camera.set_time(unix_s);
-                    take_series(camera.as_mut(), &planned, &mut self.frames)
+                    (camera.as_mut(), self.planner.exposures())
                 }
-                Device::Replay(camera, series) => take_series(camera, series, &mut self.frames),
-                Device::Live(camera) => take_series(camera.as_mut(), &planned, &mut self.frames),
+                Device::Replay(camera, recorded) => (camera, recorded),
+                Device::Live(camera) => (camera.as_mut(), self.planner.exposures()),
             };
+            let taken = self.series.take(camera, planned);
+            self.expected = planned.len();
             taken.map_err(fault)?;
-            self.merger.merge(&self.frames, &mut self.merged).map_err(failed)?;
-            if matches!(self.device, Device::Replay(..)) {
-                break;
-            }
-            self.planner.follow(&self.merged);
-            if self.planner.exposures() == planned {
-                break;
+            self.merger.merge(self.series.frames(), &mut self.merged).map_err(failed)?;
+            if matches!(self.device, Device::Replay(..)) || !self.planner.follow(&self.merged) {
+                return Ok(attempt == 0);
             }
         }
+        Ok(false)
+    }
+
+    /// Looks whether a calm sky still is; true if there is nothing new.
+    fn is_still(&mut self, unix_s: f64) -> Result<bool, SkyFault> {
+        match self.calm.due(unix_s) {
+            Due::Series => return Ok(false),
+            Due::Nothing => return Ok(true),
+            Due::Look => {}
+        }
+        let camera: &mut dyn Camera = match &mut self.device {
+            Device::Synthetic(camera) => {
+                camera.set_time(unix_s);
+                camera.as_mut()
+            }
+            Device::Replay(camera, _) => camera,
+            Device::Live(camera) => camera.as_mut(),
+        };
+        match camera.frame(&mut self.watched) {
+            Ok(()) => {}
+            Err(CameraError::Timeout) => return Ok(false),
+            Err(error) => return Err(fault(error)),
+        }
+        if !self.watched.exposure.same_as(&self.planner.watch()) {
+            camera.request(self.planner.watch()).map_err(fault)?;
+            return Ok(true);
+        }
+        Ok(!self.calm.look(unix_s, &self.watched))
+    }
+
+    /// Takes in what the series gave; a calm sky's camera keeps the exposure to watch by.
+    fn rest(&mut self, unix_s: f64, exposures_stay: bool) -> Result<(), SkyFault> {
+        let watch = self.planner.watch();
+        let watched = self.series.frames().iter().find(|frame| frame.exposure.same_as(&watch));
+        self.calm.series(unix_s, &self.captured.weights, watched, exposures_stay);
+        if self.calm.is_calm()
+            && let Device::Synthetic(_) | Device::Live(_) = &self.device
+        {
+            self.camera().request(watch).map_err(fault)?;
+        }
         Ok(())
+    }
+
+    fn camera(&mut self) -> &mut dyn Camera {
+        match &mut self.device {
+            Device::Synthetic(camera) => camera.as_mut(),
+            Device::Replay(camera, _) => camera,
+            Device::Live(camera) => camera.as_mut(),
+        }
+    }
+
+    /// One reading; see [`SkySource::read`].
+    fn look(&mut self, moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault> {
+        if self.is_still(moment.unix_s)? {
+            return Ok(false);
+        }
+        let exposures_stay = self.take(moment.unix_s)?;
+        let (taken, sun) = (self.taken(), self.sun(moment));
+        if !self.shows(sun)? {
+            return Ok(false);
+        }
+        self.capture.weights_into(&self.merged, sun, &mut self.captured).map_err(failed)?;
+        self.rest(moment.unix_s, exposures_stay)?;
+        into.weights.radiance.clone_from(&self.captured.weights.radiance);
+        into.weights.sun = self.captured.weights.sun;
+        let is_timeless = sun.is_none() && self.place.is_some() && !moment.trusted;
+        into.sun = if is_timeless { SunSource::ClockNotTrusted } else { self.captured.sun_source.into() };
+        into.sun_share = self.captured.beam_share;
+        into.filled_patches = self.captured.filled_patches;
+        into.series = Some(super::SeriesReport {
+            plan: self.planner.report(),
+            missing: self.expected.saturating_sub(self.series.frames().len()),
+            is_calm: self.calm.is_calm(),
+        });
+        into.taken = taken;
+        into.exposures.clear();
+        Ok(true)
     }
 
     /// A real camera's light is shown as it comes, once there was any: better exposures follow with the next series.
@@ -136,7 +234,7 @@ impl CapturedSky {
     /// When the last frame was taken, by a real camera.
     fn taken(&self) -> Option<Instant> {
         let live = matches!(self.device, Device::Live(_));
-        self.frames.iter().filter(|_| live).filter_map(Frame::taken).max()
+        self.series.frames().iter().filter(|_| live).filter_map(Frame::taken).max()
     }
 
     /// Whether the newest series shows the sky. A black one by day does not: exposures still climb, and nothing is new.
@@ -205,23 +303,26 @@ fn response(config: &Config, device: &Device) -> anyhow::Result<Response> {
     }
 }
 
-impl SkySource for CapturedSky {
-    fn read(&mut self, moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault> {
-        self.take(moment.unix_s)?;
-        let (taken, sun) = (self.taken(), self.sun(moment));
-        if !self.shows(sun)? {
-            return Ok(false);
-        }
-        let captured = self.capture.weights(&self.merged, sun).map_err(failed)?;
-        let sun = match captured.sun_source {
+impl From<capture::SunSource> for SunSource {
+    fn from(source: capture::SunSource) -> Self {
+        match source {
             capture::SunSource::Measured => SunSource::Measured,
             capture::SunSource::ClearSkyModel => SunSource::Model,
-            capture::SunSource::NoPosition | capture::SunSource::BelowHorizon | capture::SunSource::Covered => {
-                SunSource::None
-            }
-        };
-        *into = SkyReading { weights: captured.weights, sun, taken, ..SkyReading::default() };
-        Ok(true)
+            capture::SunSource::Veiled => SunSource::Veiled,
+            capture::SunSource::BelowHorizon => SunSource::BelowHorizon,
+            capture::SunSource::Covered => SunSource::Covered,
+            capture::SunSource::NoPosition => SunSource::None,
+        }
+    }
+}
+
+impl SkySource for CapturedSky {
+    fn read(&mut self, moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault> {
+        let outcome = self.look(moment, into);
+        if outcome.is_err() {
+            self.calm.wake();
+        }
+        outcome
     }
 }
 

@@ -17,18 +17,20 @@ pub struct LiveSky {
     config: Config,
     patches: PatchSet,
     north_deg: f64,
+    importance: Vec<f32>,
     camera: Option<CapturedSky>,
 }
 
 impl LiveSky {
-    /// A source that opens the camera of the post's file with its first reading.
+    /// A source that opens the camera of the post's file with its first reading. `importance`: what each upper patch
+    /// matters for, as [`crate::importance`] tells.
     ///
     /// # Errors
     /// What is wrong with the files of lens and response or the pixel format, in one line.
-    pub fn new(config: &Config, patches: PatchSet, north_deg: f64) -> anyhow::Result<Self> {
+    pub fn new(config: &Config, patches: PatchSet, north_deg: f64, importance: Vec<f32>) -> anyhow::Result<Self> {
         CapturedSky::check_files(config)?;
         v4l2_settings(config)?;
-        Ok(LiveSky { config: config.clone(), patches, north_deg, camera: None })
+        Ok(LiveSky { config: config.clone(), patches, north_deg, importance, camera: None })
     }
 }
 
@@ -64,7 +66,7 @@ impl SkySource for LiveSky {
         let camera = match &mut self.camera {
             Some(camera) => camera,
             none => match open(&self.config, self.patches, self.north_deg) {
-                Ok(camera) => none.insert(camera),
+                Ok(camera) => none.insert(camera.with_importance(&self.importance)),
                 Err(error) => {
                     std::thread::sleep(RETRY);
                     return Err(SkyFault::Failed(format!("{error:#}")));

@@ -40,7 +40,12 @@ impl SkySource for SimulatedSky {
         if !moment.trusted {
             weights.sun = None;
         }
-        let sun = if weights.sun.is_some() { SunSource::Model } else { SunSource::None };
+        let sun = match weights.sun {
+            Some(_) => SunSource::Model,
+            None if !moment.trusted => SunSource::ClockNotTrusted,
+            None if model.sun_dir()[1] < 0.0 => SunSource::BelowHorizon,
+            None => SunSource::Covered,
+        };
         *into = SkyReading { weights, sun, ..SkyReading::default() };
         Ok(true)
     }
@@ -69,7 +74,7 @@ mod tests {
         let stands = position_of(noon.weights.sun.unwrap().dir_world, 0.0);
         assert!((stands.azimuth_deg - 180.0).abs() < 2.0 && (stands.altitude_deg - 71.5).abs() < 0.3, "{stands:?}");
         let night = read("2026-06-21T23:00:00Z");
-        assert_eq!(night.sun, SunSource::None);
+        assert_eq!(night.sun, SunSource::BelowHorizon);
         assert!(night.weights.radiance[0][1] < 1e-3 * noon.weights.radiance[0][1]);
     }
 }

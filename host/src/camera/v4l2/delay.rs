@@ -20,6 +20,8 @@ const SAME_SHARE: f64 = 0.02;
 const SAME_OFFSET: f64 = 0.002;
 /// Exposures that differ by less are not told apart by brightness.
 const CLEAR_RATIO: f64 = 1.4;
+/// Exposures whose last brightness is remembered.
+const REMEMBERED: usize = 8;
 /// Pixels that a mean is taken over, about.
 const MEAN_PIXELS: usize = 4096;
 
@@ -63,16 +65,51 @@ pub(super) struct Timeline {
     sure: Option<(Exposure, f64)>,
     /// Number and mean of the last frame that was told its exposure.
     previous: Option<(i64, f64)>,
+    /// Exposures and the mean of the last frame that was sure to have them; the oldest is written over.
+    remembered: [(Exposure, f64); REMEMBERED],
+    oldest: usize,
 }
 
 impl Timeline {
     pub(super) fn new(delay: Delay, standing: Exposure) -> Self {
-        Timeline { delay, standing, changes: VecDeque::new(), newest: -1, sure: None, previous: None }
+        Timeline {
+            delay,
+            standing,
+            changes: VecDeque::new(),
+            newest: -1,
+            sure: None,
+            previous: None,
+            remembered: [(UNKNOWN_EXPOSURE, 0.0); REMEMBERED],
+            oldest: 0,
+        }
     }
 
     /// The newest frame that came; -1 for none.
     pub(super) fn newest(&self) -> i64 {
         self.newest
+    }
+
+    /// Frames that the newest setting must stand until one of them is sure to have it: those of which it is not known
+    /// whether they have it, and one to compare with where nobody knows how bright it will be.
+    pub(super) fn stand_frames(&self) -> u32 {
+        let newest = self.changes.back().map_or(self.standing, |change| change.exposure);
+        let unsure = self.delay.settled_frames.saturating_sub(self.delay.unchanged_frames).max(1);
+        unsure + u32::from(self.mean_of(newest).is_none())
+    }
+
+    /// How bright the last frame with this exposure was, as a share of white.
+    fn mean_of(&self, exposure: Exposure) -> Option<f64> {
+        let known = |(of, _): &&(Exposure, f64)| *of != UNKNOWN_EXPOSURE && of.same_as(&exposure);
+        self.remembered.iter().find(known).map(|&(_, mean)| mean)
+    }
+
+    fn remember(&mut self, exposure: Exposure, mean: f64) {
+        if let Some(known) = self.remembered.iter_mut().find(|(of, _)| of.same_as(&exposure)) {
+            known.1 = mean;
+            return;
+        }
+        self.remembered[self.oldest] = (exposure, mean);
+        self.oldest = (self.oldest + 1) % REMEMBERED;
     }
 
     /// A setting was written, before which frame `before` was the newest and after which the newest seen now is.
@@ -107,6 +144,7 @@ impl Timeline {
         match exposure {
             Some(exposure) => {
                 self.sure = Some((exposure, mean));
+                self.remember(exposure, mean);
                 exposure
             }
             None => UNKNOWN_EXPOSURE,
@@ -134,10 +172,12 @@ impl Timeline {
         (is_sure && self.standing != UNKNOWN_EXPOSURE).then_some(self.standing)
     }
 
-    /// Whether the picture shows that a change, due by its number, is late: it is not as bright as the frame before, or as
-    /// bright as before the change though the exposure is clearly another and the picture has room to show it.
+    /// Whether the picture shows that a change, due by its number, is late: it is neither as bright as the frame before nor
+    /// as when this exposure was seen last, or as bright as before the change though the exposure is clearly another and
+    /// the picture has room to show it.
     fn holds(&mut self, index: usize, sequence: i64, mean: f64) -> bool {
         let settled = i64::from(self.delay.settled_frames);
+        let is_expected = self.mean_of(self.changes[index].exposure).is_some_and(|known| is_near(mean, known));
         let change = &mut self.changes[index];
         let since_due = change.complete.map_or(0, |complete| sequence - complete - settled);
         let is_steady = match self.previous {
@@ -151,7 +191,7 @@ impl Timeline {
             let is_clear = !(1.0 / CLEAR_RATIO..=CLEAR_RATIO).contains(&ratio) && room > 3.0 * tolerance(before);
             is_clear && is_near(mean, before)
         });
-        if change.held >= MOST_HELD || (is_steady && !is_old) {
+        if change.held >= MOST_HELD || ((is_steady || is_expected) && !is_old) {
             return false;
         }
         change.held += 1;

@@ -6,12 +6,18 @@ use crate::capture::{Capture, CaptureSettings};
 use crate::cli::args::{number, numbers, place, required};
 use crate::failure::{Failure, OrFail};
 use crate::lens::Lens;
-use crate::map::RadianceMap;
+use crate::map::{RadianceMap, luminance};
 use crate::outfile::check_writable;
 use crate::relight::FieldFile;
+use crate::sky_source::SunSource;
 use crate::weights::PatchWeights;
 use relume_firmware::field::Field;
+use relume_firmware::patches::PatchSet;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
+
+/// Weights and map may differ by this much in horizontal irradiance: each patch counts at one height.
+const IRRADIANCE_OFF: f64 = 0.02;
 
 #[derive(Default)]
 struct Options {
@@ -21,6 +27,7 @@ struct Options {
     sun: Option<[f64; 2]>,
     env_rot_deg: Option<f64>,
     out: Option<PathBuf>,
+    json: bool,
 }
 
 pub(super) fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
@@ -36,14 +43,56 @@ pub(super) fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     check_writable(out)?;
     let file = FieldFile::open(required(options.field.as_ref(), "--field FIELD")?).or_bad()?;
     let field = file.field();
-    let weights = match &options.lens {
+    let (weights, report) = match &options.lens {
         Some(lens) => from_picture(map, &Lens::load(lens).or_bad()?, options.sun, &field)?,
-        None => {
-            let map = RadianceMap::load(map).or_bad()?;
-            crate::split::weights(&map, field.patch_set(), options.env_rot_deg.unwrap_or(0.0)).or_bad()?
-        }
+        None => from_map(&RadianceMap::load(map).or_bad()?, options.env_rot_deg.unwrap_or(0.0), field.patch_set())?,
     };
-    weights.save(field.patch_set(), out).or_runtime()
+    if report.irradiance_off.abs() > IRRADIANCE_OFF {
+        eprintln!(
+            "{}: the weights' horizontal irradiance is {:+.1} % off the map's own; more directions follow it closer",
+            map.display(),
+            100.0 * report.irradiance_off
+        );
+    }
+    if !report.filled.is_empty() {
+        eprintln!("{} patches, or parts of them, were not seen and are filled from a smooth sky", report.filled.len());
+    }
+    weights.save(field.patch_set(), out).or_runtime()?;
+    if options.json { crate::cli::say_json(&report) } else { Ok(()) }
+}
+
+/// What the weights rest on.
+#[derive(Serialize)]
+struct Report {
+    patches: usize,
+    /// Patches of which more than a hundredth was not seen, and how much of them.
+    filled: Vec<Filled>,
+    /// How the sun is known.
+    sun: SunSource,
+    /// Share of the clear-sky beam that comes through, where it is looked for.
+    sun_share: Option<f64>,
+    /// Horizontal irradiance, R, G, B: that of the weights over that of the map, minus 1 (luminance).
+    irradiance_off: f64,
+}
+
+#[derive(Serialize)]
+struct Filled {
+    patch: usize,
+    share: f32,
+}
+
+fn from_map(map: &RadianceMap, env_rot_deg: f64, set: &PatchSet) -> Result<(PatchWeights, Report), Failure> {
+    let weights = crate::split::weights(map, set, env_rot_deg).or_bad()?;
+    let light = |rgb: [f64; 3]| f64::from(luminance(rgb.map(|v| v as f32)));
+    let (truth, found) = (light(map.horizontal_irradiance()), light(weights.horizontal_irradiance(set)));
+    let report = Report {
+        patches: set.len(),
+        filled: Vec::new(),
+        sun: if weights.sun.is_some() { SunSource::Measured } else { SunSource::None },
+        sun_share: None,
+        irradiance_off: if truth > 0.0 { found / truth - 1.0 } else { 0.0 },
+    };
+    Ok((weights, report))
 }
 
 fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
@@ -55,6 +104,7 @@ fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
             Long("lens") => o.lens = Some(parser.value()?.into()),
             Long("sun") => o.sun = Some(numbers(parser, "--sun", "azimuth and altitude")?),
             Long("env-rot") => o.env_rot_deg = Some(number(parser, "--env-rot", -360.0..=360.0)?),
+            Long("json") => o.json = true,
             Long("out") | Short('o') => o.out = Some(parser.value()?.into()),
             Value(value) => place(value, &mut [&mut o.map])?,
             other => return Err(other.unexpected().into()),
@@ -63,14 +113,28 @@ fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
     Ok(o)
 }
 
-fn from_picture(path: &Path, lens: &Lens, sun: Option<[f64; 2]>, field: &Field<'_>) -> Result<PatchWeights, Failure> {
+fn from_picture(
+    path: &Path,
+    lens: &Lens,
+    sun: Option<[f64; 2]>,
+    field: &Field<'_>,
+) -> Result<(PatchWeights, Report), Failure> {
     let merged = read_picture(path)?;
     let north_deg = f64::from(field.camera().north_deg);
     let settings = CaptureSettings { north_deg, ..CaptureSettings::default() };
     let size = (merged.width, merged.height);
     let mut capture = Capture::new(lens, size, *field.patch_set(), settings, None).or_bad()?;
     let position = sun.map(|sun| SunOption::Position(sun).position(0.0)).transpose()?;
-    Ok(capture.weights(&merged, position).or_bad()?.weights)
+    let captured = capture.weights(&merged, position).or_bad()?;
+    let shares = captured.filled_share.iter().enumerate().filter(|(_, share)| **share > 0.0);
+    let report = Report {
+        patches: field.patch_set().len(),
+        filled: shares.map(|(patch, &share)| Filled { patch, share }).collect(),
+        sun: captured.sun_source.into(),
+        sun_share: captured.beam_share,
+        irradiance_off: captured.irradiance_off(field.patch_set()),
+    };
+    Ok((captured.weights, report))
 }
 
 /// A camera's linear picture, .hdr or .exr, of any shape.

@@ -83,12 +83,41 @@ fn a_picture_that_has_not_settled_is_held_back_but_not_for_ever() {
     assert_eq!(told(&mut timeline, frames), [0.01, 0.0, 0.0, 0.0, 0.04]);
     // Time and gain one after the other: 15 has one of them only.
     timeline.requested(at(0.01), timeline.newest());
+    // 16 looks as this exposure did before.
     let frames = [(13, 0.4), (14, 0.4), (15, 0.2), (16, 0.1), (17, 0.1)];
-    assert_eq!(told(&mut timeline, frames), [0.04, 0.0, 0.0, 0.0, 0.01]);
+    assert_eq!(told(&mut timeline, frames), [0.04, 0.0, 0.0, 0.01, 0.01]);
     // A picture that never follows.
     timeline.requested(at(0.04), timeline.newest());
     let frames = (18..25).map(|sequence| (sequence, 0.1));
     assert_eq!(told(&mut timeline, frames), [0.01, 0.0, 0.0, 0.0, 0.0, 0.04, 0.04]);
+}
+
+#[test]
+fn settings_in_close_order_are_told_apart_once_their_brightness_is_known() {
+    // Settings show after exactly two frames of this camera, measured as one to three.
+    let (delay, series) = (Delay { unchanged_frames: 1, settled_frames: 3, measured: true }, [0.01, 0.02, 0.04, 0.08]);
+    let mut timeline = Timeline::new(delay, at(0.01));
+    let (mut sequence, mut shown) = (10, vec![0.01; 3]);
+    timeline.saw(9);
+    for round in 0..3 {
+        let mut found = Vec::new();
+        for exposure in series {
+            timeline.requested(at(exposure), timeline.newest());
+            let stand = timeline.stand_frames();
+            assert_eq!(stand, if round == 0 && exposure > 0.01 { 3 } else { 2 }, "round {round}, {exposure} s");
+            for _ in 0..stand {
+                shown.push(exposure);
+                let real = shown[shown.len() - 3];
+                let told = told(&mut timeline, [(sequence, 10.0 * real)])[0];
+                assert!(told == 0.0 || told == real, "frame {sequence}: {told} for {real}");
+                found.push(told);
+                sequence += 1;
+            }
+        }
+        for exposure in series.into_iter().take(if round == 0 { 0 } else { 3 }) {
+            assert!(found.contains(&exposure), "round {round}: {found:?}");
+        }
+    }
 }
 
 #[test]
