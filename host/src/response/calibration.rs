@@ -1,0 +1,395 @@
+//! The camera's response from an exposure series, after Debevec & Malik 1997, equation 3.
+//!
+//! For a block b in frame i: g(code_bi) = ln E_b + ln t_i, with g = ln of the inverse response. Here g is a cubic spline over
+//! ln(code + 2), codes in 255ths above black, smooth there (a P-spline, Eilers & Marx 1996): power laws are straight and
+//! films bend gently. Instead of single pixels, means of flat 8x8 blocks without clipped pixels are fitted, each by its inverse
+//! variance, and the mean of a block's codes is corrected to the mean of its light by the curve found so far. How smooth is
+//! decided by cross-validation over blocks. The curve is 1 at full well, not at the middle code.
+
+use super::blocks::{Block, Sample, black_level, flat_blocks};
+use super::spline::{Basis, Normal};
+use super::{Response, ResponseError};
+use crate::camera::{Codes, Frame};
+
+/// Intervals of the spline.
+const INTERVALS: usize = 64;
+/// Order of the differences that are kept small.
+const BENDS: usize = 3;
+/// Parts of the cross-validation.
+const FOLDS: usize = 5;
+/// Rounds of refitting, with weights and corrections by the curve of the round before.
+const ROUNDS: usize = 5;
+/// Error of a sample's log that no noise explains.
+const FLOOR: f64 = 2e-3;
+/// Samples this many times further off than usual are left out: something moved there.
+const OUTLIER: f64 = 5.0;
+/// Exposures that differ by less count as the same.
+const SAME: f64 = 0.01;
+/// A frame whose residual is larger is looked at (a twentieth of a stop is .035).
+const DOUBTFUL: f64 = 0.05;
+
+/// Why no response could be found; one line that says what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationError {
+    /// Fewer than two frames.
+    #[error("{0} frame(s): a response needs at least two different exposures, better ten, one stop apart")]
+    TooFew(usize),
+    /// All frames have one exposure.
+    #[error("all {0} frames have the same exposure; take them at different times, better ten, one stop apart")]
+    Identical(usize),
+    /// A frame's exposure is no time.
+    #[error("frame {0}: exposure time x gain is {1}; it must be positive")]
+    Exposure(usize, f64),
+    /// A frame differs in size from the first.
+    #[error("frame {0} has another size than the first frame")]
+    Size(usize),
+    /// Nothing but black.
+    #[error("every frame is black; take longer exposures")]
+    Black,
+    /// Nothing but clipped pixels.
+    #[error("every frame is clipped; take shorter exposures")]
+    Clipped,
+    /// Too little is seen in two exposures.
+    #[error("{channel}: only {blocks} flat blocks are unclipped in two exposures; take a scene with smooth parts of every \
+             brightness, exposures at most 3 stops apart")]
+    NoOverlap {
+        /// Name of the channel.
+        channel: &'static str,
+        /// Blocks found.
+        blocks: usize,
+    },
+    /// The equations have no solution.
+    #[error("{0}: the frames do not determine a curve; check the exposure times in frames.json")]
+    Singular(&'static str),
+    /// The curve found is none.
+    #[error(transparent)]
+    Curve(#[from] ResponseError),
+}
+
+/// A frame whose exposure does not fit what the others show.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DoubtfulFrame {
+    /// Its place in the series.
+    pub frame: usize,
+    /// True exposure over the stated one.
+    pub factor: f64,
+}
+
+/// How well one channel's curve fits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChannelFit {
+    /// Blocks used.
+    pub blocks: usize,
+    /// RMS of the samples' log residuals, natural logarithm.
+    pub rms_log: f64,
+    /// Lowest and highest code / max that blocks showed; beyond, the curve is continued.
+    pub seen: [f64; 2],
+}
+
+/// A response and how it was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// The inverse response, full well = 1.
+    pub response: Response,
+    /// Code / max of black.
+    pub black: f64,
+    /// Fit of red, green and blue.
+    pub channels: [ChannelFit; 3],
+    /// A frame that was left out because its exposure does not fit.
+    pub left_out: Option<DoubtfulFrame>,
+}
+
+const CHANNELS: [&str; 3] = ["red", "green", "blue"];
+
+/// Finds the response of the camera that took `frames`, in any order; `black` (share of the largest code) is found from pixels
+/// that stay dark if it is not given.
+///
+/// # Errors
+/// [`CalibrationError`]: too few or equal exposures, nothing to see, nothing seen twice.
+pub fn calibrate(frames: &[Frame], black: Option<f64>) -> Result<Calibration, CalibrationError> {
+    check(frames)?;
+    let black = black.or_else(|| black_level(frames)).unwrap_or(0.0);
+    let log_times: Vec<f64> = frames.iter().map(|frame| frame.exposure.product_s().ln()).collect();
+    let mut blocks: [Vec<Block>; 3] = [0, 1, 2].map(|channel| flat_blocks(frames, channel, black));
+    for (channel, found) in blocks.iter().enumerate() {
+        if found.len() < 8 {
+            return Err(CalibrationError::NoOverlap { channel: CHANNELS[channel], blocks: found.len() });
+        }
+    }
+    let mut fits = fit_all(&blocks, &log_times, black)?;
+    let left_out = doubtful(&blocks, &log_times, black, &fits);
+    if let Some(doubt) = left_out {
+        blocks = blocks.map(|found| without(&found, doubt.frame));
+        fits = fit_all(&blocks, &log_times, black)?;
+    }
+    let deep = frames.iter().any(|frame| matches!(frame.codes, Codes::U16(_)));
+    let response = Response::from_rows(rows(&fits, black, if deep { 4096 } else { 255 }), "response")?;
+    let channels = [0, 1, 2].map(|k| fits[k].summary(&blocks[k], black));
+    Ok(Calibration { response, black, channels, left_out })
+}
+
+fn check(frames: &[Frame]) -> Result<(), CalibrationError> {
+    let Some(first) = frames.first().filter(|_| frames.len() > 1) else {
+        return Err(CalibrationError::TooFew(frames.len()));
+    };
+    for (index, frame) in frames.iter().enumerate() {
+        let product = frame.exposure.product_s();
+        if !(product.is_finite() && product > 0.0) {
+            return Err(CalibrationError::Exposure(index, product));
+        }
+        if (frame.width, frame.height) != (first.width, first.height) {
+            return Err(CalibrationError::Size(index));
+        }
+    }
+    let ratio = |frame: &Frame| (frame.exposure.product_s() / first.exposure.product_s()).ln().abs();
+    if frames.iter().all(|frame| ratio(frame) < SAME) {
+        return Err(CalibrationError::Identical(frames.len()));
+    }
+    let codes = || frames.iter().flat_map(|frame| {
+        let max = f64::from(frame.codes.max());
+        (0..frame.codes.len()).step_by(7).map(move |i| f64::from(frame.codes.get(i)) / max)
+    });
+    if codes().all(|code| code < 1.5 / 255.0) {
+        return Err(CalibrationError::Black);
+    }
+    if codes().all(|code| code >= 250.0 / 255.0) {
+        return Err(CalibrationError::Clipped);
+    }
+    Ok(())
+}
+
+/// The curve of one channel.
+struct Fit {
+    basis: Basis,
+    coefficients: Vec<f64>,
+    /// Residual of every sample of every block, natural logarithm.
+    residuals: Vec<Vec<f64>>,
+    /// Sum of squared residuals over their variances, per sample.
+    misfit: f64,
+}
+
+fn u_of(code: f64) -> f64 {
+    (code.max(0.0) + 2.0).ln()
+}
+
+impl Fit {
+    fn g(&self, code: f64) -> f64 {
+        self.basis.value(&self.coefficients, u_of(code))
+    }
+
+    fn slope(&self, code: f64) -> f64 {
+        let (low, high) = ((code - 0.5).max(0.0), (code + 0.5).min(255.0));
+        ((self.g(high) - self.g(low)) / (high - low)).max(1e-4)
+    }
+
+    /// ln of the mean light of a sample: the curve at its mean code, corrected for the spread of its codes.
+    fn light(&self, sample: &Sample) -> f64 {
+        let at = self.g(sample.code);
+        let half = (sample.spread - 1.0 / 12.0).max(0.0).sqrt().min(sample.code);
+        let mean = 0.5 * ((self.g(sample.code + half) - at).exp() + (self.g(sample.code - half) - at).exp());
+        at + mean.ln()
+    }
+
+    /// Variance of ln of the mean light.
+    fn variance(&self, sample: &Sample) -> f64 {
+        self.slope(sample.code).powi(2) * sample.variance + FLOOR * FLOOR
+    }
+
+    fn summary(&self, blocks: &[Block], black: f64) -> ChannelFit {
+        let residuals = || self.residuals.iter().flatten();
+        let square: f64 = residuals().map(|r| r * r).sum();
+        let codes = || blocks.iter().flat_map(|block| &block.samples).map(|sample| sample.code / 255.0 + black);
+        ChannelFit {
+            blocks: blocks.len(),
+            rms_log: (square / residuals().count().max(1) as f64).sqrt(),
+            seen: [codes().fold(1.0, f64::min), codes().fold(0.0, f64::max)],
+        }
+    }
+}
+
+fn fit_all(blocks: &[Vec<Block>; 3], log_times: &[f64], black: f64) -> Result<Vec<Fit>, CalibrationError> {
+    let one = |(channel, found): (usize, &Vec<Block>)| {
+        fit(found, log_times, 255.0 * (1.0 - black)).ok_or(CalibrationError::Singular(CHANNELS[channel]))
+    };
+    blocks.iter().enumerate().map(one).collect()
+}
+
+/// Fits one channel; `full` is the largest code above black, in 255ths.
+fn fit(blocks: &[Block], log_times: &[f64], full: f64) -> Option<Fit> {
+    let basis = Basis::new(u_of(0.0), u_of(full), INTERVALS);
+    // A square law to begin with.
+    let coefficients = (0..basis.len()).map(|i| 2.0 * i as f64 * (u_of(full) - u_of(0.0)) / INTERVALS as f64).collect();
+    let mut fit = Fit { basis, coefficients, residuals: Vec::new(), misfit: f64::INFINITY };
+    for _ in 0..ROUNDS {
+        let forms = forms(&fit, blocks, log_times);
+        fit.coefficients = smoothest(&forms, &basis, full)?;
+        (fit.residuals, fit.misfit) = residuals(&fit, blocks, log_times);
+    }
+    Some(fit)
+}
+
+/// The equations of the blocks, ln E of each eliminated, one form per part of the cross-validation.
+fn forms(fit: &Fit, blocks: &[Block], log_times: &[f64]) -> Vec<Normal> {
+    let mut forms = vec![Normal::new(fit.basis.len()); FOLDS];
+    let usual = usual(fit, blocks);
+    for (number, block) in blocks.iter().enumerate() {
+        let form = &mut forms[number % FOLDS];
+        let (mut mean_row, mut mean_target, mut total) = (vec![0.0; fit.basis.len()], 0.0, 0.0);
+        for (at, sample) in block.samples.iter().enumerate() {
+            let variance = fit.variance(sample);
+            let off = fit.residuals.get(number).map_or(0.0, |found| found[at] / variance.sqrt());
+            if off.abs() > OUTLIER * usual {
+                continue;
+            }
+            let (first, values) = fit.basis.at(u_of(sample.code));
+            let row: [(usize, f64); 4] = std::array::from_fn(|k| (first + k, values[k]));
+            let target = log_times[sample.frame] - (fit.light(sample) - fit.g(sample.code));
+            let weight = 1.0 / variance;
+            form.add(&row, target, weight);
+            row.iter().for_each(|&(i, v)| mean_row[i] += weight * v);
+            mean_target += weight * target;
+            total += weight;
+        }
+        if total > 0.0 {
+            let row: Vec<(usize, f64)> =
+                mean_row.iter().enumerate().filter(|(_, v)| **v > 0.0).map(|(i, v)| (i, v / total)).collect();
+            form.add(&row, mean_target / total, -total);
+        }
+    }
+    forms
+}
+
+/// The usual residual in standard deviations (from the median), at least 1.
+fn usual(fit: &Fit, blocks: &[Block]) -> f64 {
+    let pairs = blocks.iter().zip(&fit.residuals);
+    let mut all: Vec<f64> = pairs
+        .flat_map(|(block, found)| block.samples.iter().zip(found))
+        .map(|(sample, residual)| residual.abs() / fit.variance(sample).sqrt())
+        .collect();
+    if all.is_empty() {
+        return f64::INFINITY;
+    }
+    let middle = all.len() / 2;
+    (1.4826 * *all.select_nth_unstable_by(middle, f64::total_cmp).1).max(1.0)
+}
+
+/// The smoothest curve that predicts blocks it has not seen about as well as the best one does.
+fn smoothest(forms: &[Normal], basis: &Basis, full: f64) -> Option<Vec<f64>> {
+    let mut total = Normal::new(basis.len());
+    forms.iter().for_each(|form| total.add_form(form, 1.0));
+    let solve = |without: Option<&Normal>, smoothness: f64| {
+        let mut form = total.clone();
+        if let Some(fold) = without {
+            form.add_form(fold, -1.0);
+        }
+        let (first, values) = basis.at(u_of(full));
+        let top: [(usize, f64); 4] = std::array::from_fn(|k| (first + k, values[k]));
+        form.add(&top, 0.0, 1e3);
+        form.add_bends(BENDS, smoothness);
+        // Where nothing is seen and the penalty leaves a slope free, a faint pull to a square law decides.
+        form.add_bends(1, 1e-6);
+        form.minimum()
+    };
+    let tried: Vec<f64> = (-2..=20).map(|i| 10f64.powf(0.5 * f64::from(i))).collect();
+    let error = |smoothness: f64| -> Option<f64> {
+        forms.iter().map(|fold| solve(Some(fold), smoothness).map(|c| fold.value(&c))).sum()
+    };
+    let errors: Vec<f64> = tried.iter().map(|&s| error(s).unwrap_or(f64::INFINITY)).collect();
+    let best = errors.iter().copied().fold(f64::INFINITY, f64::min);
+    let chosen = (0..tried.len()).rev().find(|&i| errors[i] <= best * (1.0 + TOLERANCE))?;
+    solve(None, tried[chosen])
+}
+
+/// How much worse a smoother curve may predict.
+const TOLERANCE: f64 = 0.02;
+
+/// Residuals of all samples, and the mean of their squares over the variances.
+fn residuals(fit: &Fit, blocks: &[Block], log_times: &[f64]) -> (Vec<Vec<f64>>, f64) {
+    let (mut sum, mut count) = (0.0, 0usize);
+    let of_block = |block: &Block| {
+        let rest: Vec<f64> = block.samples.iter().map(|s| fit.light(s) - log_times[s.frame]).collect();
+        let weights: Vec<f64> = block.samples.iter().map(|s| 1.0 / fit.variance(s)).collect();
+        let log_e = rest.iter().zip(&weights).map(|(r, w)| r * w).sum::<f64>() / weights.iter().sum::<f64>();
+        let found: Vec<f64> = rest.iter().map(|r| r - log_e).collect();
+        sum += found.iter().zip(&weights).map(|(r, w)| r * r * w).sum::<f64>();
+        count += found.len();
+        found
+    };
+    let all = blocks.iter().map(of_block).collect();
+    (all, sum / count.max(1) as f64)
+}
+
+fn without(blocks: &[Block], frame: usize) -> Vec<Block> {
+    let kept = blocks.iter().map(|block| Block {
+        samples: block.samples.iter().filter(|sample| sample.frame != frame).copied().collect(),
+    });
+    kept.filter(|block| block.samples.len() > 1).collect()
+}
+
+/// Median residual of one frame's samples over all channels.
+fn frame_residual(blocks: &[Vec<Block>; 3], fits: &[Fit], frame: usize) -> f64 {
+    let mut all: Vec<f64> = (0..3)
+        .flat_map(|k| blocks[k].iter().zip(&fits[k].residuals))
+        .flat_map(|(block, found)| block.samples.iter().zip(found))
+        .filter(|(sample, _)| sample.frame == frame)
+        .map(|(_, residual)| *residual)
+        .collect();
+    let middle = all.len() / 2;
+    if all.len() < 16 { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+/// A frame without which all the others fit at least four times better, and by how much its exposure is off.
+fn doubtful(blocks: &[Vec<Block>; 3], log_times: &[f64], black: f64, fits: &[Fit]) -> Option<DoubtfulFrame> {
+    let worst = (0..log_times.len())
+        .map(|frame| (frame, frame_residual(blocks, fits, frame).abs()))
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    if log_times.len() < 4 || worst.1 < DOUBTFUL {
+        return None;
+    }
+    let misfit = |fits: &[Fit]| fits.iter().map(|fit| fit.misfit).sum::<f64>();
+    let tried = (0..log_times.len()).filter_map(|frame| {
+        let rest = [0, 1, 2].map(|k| without(&blocks[k], frame));
+        let found = fit_all(&rest, log_times, black).ok()?;
+        Some((frame, misfit(&found), rest, found))
+    });
+    let (frame, left, _, found) = tried.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    if left > 0.25 * misfit(fits) {
+        return None;
+    }
+    // The left-out frame against the curve of the others.
+    let again: Vec<Fit> = found.into_iter().zip(blocks).map(|(mut fit, blocks)| {
+        fit.residuals = against_others(&fit, blocks, log_times, frame);
+        fit
+    }).collect();
+    Some(DoubtfulFrame { frame, factor: frame_residual(blocks, &again, frame).exp() })
+}
+
+/// Residuals against each block's light in all frames but one.
+fn against_others(fit: &Fit, blocks: &[Block], log_times: &[f64], frame: usize) -> Vec<Vec<f64>> {
+    let of_block = |block: &Block| {
+        let rest = || block.samples.iter().map(|s| (s, fit.light(s) - log_times[s.frame], 1.0 / fit.variance(s)));
+        let others = || rest().filter(|(sample, ..)| sample.frame != frame);
+        let total: f64 = others().map(|(_, _, weight)| weight).sum();
+        let log_e = others().map(|(_, value, weight)| value * weight).sum::<f64>() / total;
+        rest().map(|(_, value, _)| if total > 0.0 { value - log_e } else { 0.0 }).collect()
+    };
+    blocks.iter().map(of_block).collect()
+}
+
+/// Rows of the curve file. Below the lowest code seen the curve goes on as a power law to 0 at black.
+fn rows(fits: &[Fit], black: f64, steps: usize) -> Vec<[f64; 4]> {
+    let mut rows: Vec<[f64; 4]> = Vec::with_capacity(steps + 1);
+    let full = 255.0 * (1.0 - black);
+    let tops: Vec<f64> = fits.iter().map(|fit| fit.g(full)).collect();
+    for step in 0..=steps {
+        let share = step as f64 / steps as f64;
+        let code = 255.0 * (share - black);
+        let mut row = [share, 0.0, 0.0, 0.0];
+        for k in 0..3 {
+            let before = rows.last().map_or(0.0, |row| row[k + 1]);
+            row[k + 1] = if code <= 0.0 { 0.0 } else { (fits[k].g(code) - tops[k]).exp().clamp(before, 1.0) };
+        }
+        rows.push(row);
+    }
+    rows
+}
