@@ -17,8 +17,8 @@ use crate::response::Response;
 use ghosts::{GhostFilter, MOST_FRAMES, View, reference_of, views};
 use kernel::{Merging, Source};
 use scales::ScaleGauge;
-pub use sensornoise::SensorNoise;
 use sensornoise::NoiseGauge;
+pub use sensornoise::SensorNoise;
 use tables::{Facts, FrameTables, format_of, longest_s};
 
 /// How codes become radiance.
@@ -254,6 +254,20 @@ impl Merger {
         } else {
             kernel::merge(|i| source_u16(frames.get(i)?, &tables[i]), &mut merging);
         }
+    }
+
+    /// One standard deviation per channel of the series that was merged last, by the sensor's noise; the radiance itself where a
+    /// channel was clipped in every frame. What ghosts left out is not told apart. Allocates.
+    pub fn uncertainty(&self, frames: &[Frame], merged: &Merged) -> Vec<[f32; 3]> {
+        let mut weights = vec![[0.0f32; 3]; merged.radiance.len()];
+        for view in views(frames, &self.facts, &self.products_s, self.report.noise) {
+            for (pixel, weight) in weights.iter_mut().enumerate() {
+                *weight = std::array::from_fn(|channel| weight[channel] + view.weight(pixel, channel));
+            }
+        }
+        let sigma = |weight: f32, radiance: f32| if weight > 0.0 { weight.sqrt().recip() } else { radiance };
+        let pixels = weights.iter().zip(&merged.radiance);
+        pixels.map(|(weight, radiance)| std::array::from_fn(|k| sigma(weight[k], radiance[k]))).collect()
     }
 
     /// Judges the pixels whose samples disagree.

@@ -16,6 +16,7 @@ pub mod painter;
 pub mod picture;
 pub mod plot;
 pub mod post;
+pub mod probe;
 pub mod sky_source;
 pub mod skymodel;
 pub mod sun;

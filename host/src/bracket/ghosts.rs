@@ -47,6 +47,11 @@ pub(super) struct View<'a> {
 }
 
 impl View<'_> {
+    /// Inverse variance of a channel's radiance in this frame; 0 where clipped.
+    pub fn weight(&self, pixel: usize, channel: usize) -> f32 {
+        1.0 / self.sample(pixel, channel).variance
+    }
+
     fn sample(&self, pixel: usize, channel: usize) -> Sample {
         let fact: Fact = self.facts.channels[channel][usize::from(self.frame.codes.get(pixel * 3 + channel))];
         let t = self.product_s as f32;

@@ -56,9 +56,8 @@ pub(super) fn merge<'a, C, const COUNT: usize>(
         for (at, (radiance, state)) in radiance.iter_mut().zip(state).enumerate() {
             let values = [found[3 * at], found[3 * at + 1], found[3 * at + 2]];
             let measured = values.map(|value| value.mean >= 0.0);
-            *radiance = std::array::from_fn(|k| {
-                if measured[k] { values[k].mean * out.per_second } else { out.least[k] }
-            });
+            *radiance =
+                std::array::from_fn(|k| if measured[k] { values[k].mean * out.per_second } else { out.least[k] });
             *state = if measured == [true; 3] { PixelState::Valid } else { PixelState::Clipped };
             if values.iter().any(|value| value.excess > 0.0) {
                 out.suspects.push(first_pixel + at as u32);

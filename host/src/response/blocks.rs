@@ -11,7 +11,7 @@ const SIDE: usize = 8;
 const BANDS: usize = 32;
 const PER_BAND: usize = 6;
 /// Code / max from which a pixel counts as clipped.
-const CLIP: f64 = 250.0 / 255.0;
+const CLIP: f64 = 254.0 / 255.0;
 /// Least mean code above black, in 255ths of the largest code.
 const LEAST: f64 = 1.0;
 
@@ -46,7 +46,8 @@ pub fn black_level(frames: &[Frame]) -> Option<f64> {
         let (long, short) = (statistics(longest, corner, 1), statistics(shortest, corner, 1));
         count += 1;
         let noise = 3.0 * (long.spread / (SIDE * SIDE) as f64).sqrt() + 0.1;
-        if long.mean < 64.0 && (long.mean - short.mean).abs() < noise {
+        // Where noise is cut off at code 0 there is no black level to see.
+        if long.lowest > 0.0 && long.mean < 64.0 && (long.mean - short.mean).abs() < noise {
             dark.push(long.mean);
         }
     }
@@ -86,25 +87,26 @@ fn corners(frame: &Frame) -> impl Iterator<Item = [usize; 2]> {
 struct Statistics {
     mean: f64,
     spread: f64,
+    lowest: f64,
     highest: f64,
 }
 
-/// Mean, variance and largest of a block's codes, in 255ths of the largest code.
+/// Mean, variance, smallest and largest of a block's codes, in 255ths of the largest code.
 fn statistics(frame: &Frame, corner: [usize; 2], channel: usize) -> Statistics {
     let unit = 255.0 / f64::from(frame.codes.max());
-    let (mut sum, mut square, mut highest) = (0.0, 0.0, 0.0f64);
+    let (mut sum, mut square, mut lowest, mut highest) = (0.0, 0.0, f64::INFINITY, 0.0f64);
     for row in 0..SIDE {
         for col in 0..SIDE {
             let index = ((corner[1] + row) * frame.width + corner[0] + col) * 3 + channel;
             let code = f64::from(frame.codes.get(index)) * unit;
             sum += code;
             square += code * code;
-            highest = highest.max(code);
+            (lowest, highest) = (lowest.min(code), highest.max(code));
         }
     }
     let count = (SIDE * SIDE) as f64;
     let mean = sum / count;
-    Statistics { mean, spread: ((square - sum * mean) / (count - 1.0)).max(0.0), highest }
+    Statistics { mean, spread: ((square - sum * mean) / (count - 1.0)).max(0.0), lowest, highest }
 }
 
 fn block(frames: &[Frame], corner: [usize; 2], channel: usize, black: f64) -> Block {
@@ -114,10 +116,11 @@ fn block(frames: &[Frame], corner: [usize; 2], channel: usize, black: f64) -> Bl
         let step = if matches!(frame.codes, Codes::U8(_)) { 1.0 } else { 255.0 / 65_535.0 };
         let sigma2 = (found.spread / (step * step) - 1.0 / 12.0).max(0.0);
         // Mean square error of the mean of a rounded normal distribution, by the first term of its Fourier series.
-        let rounding = step * step * (-4.0 * std::f64::consts::PI.powi(2) * sigma2).exp()
-            / (2.0 * std::f64::consts::PI.powi(2));
+        let rounding =
+            step * step * (-4.0 * std::f64::consts::PI.powi(2) * sigma2).exp() / (2.0 * std::f64::consts::PI.powi(2));
         let variance = found.spread / (SIDE * SIDE) as f64 + rounding;
-        let usable = found.highest < 255.0 * CLIP && code > LEAST;
+        // A pixel at the lowest code may be one whose noise was cut off there.
+        let usable = found.highest < 255.0 * CLIP && found.lowest > 0.0 && code > LEAST;
         usable.then_some(Sample { frame: index, code, spread: found.spread, variance })
     };
     Block { samples: frames.iter().enumerate().filter_map(sample).collect() }

@@ -14,13 +14,15 @@ use crate::camera::{Codes, Frame};
 /// Intervals of the spline.
 const INTERVALS: usize = 64;
 /// Order of the differences that are kept small.
-const BENDS: usize = 3;
+const BENDS: usize = 2;
 /// Parts of the cross-validation.
 const FOLDS: usize = 5;
 /// Rounds of refitting, with weights and corrections by the curve of the round before.
 const ROUNDS: usize = 5;
 /// Error of a sample's log that no noise explains.
 const FLOOR: f64 = 2e-3;
+/// Exponent of the flattest inverse response that weights are taken from: a fit that went astray must find back.
+const LEAST_POWER: f64 = 0.5;
 /// Samples this many times further off than usual are left out: something moved there.
 const OUTLIER: f64 = 5.0;
 /// Exposures that differ by less count as the same.
@@ -50,8 +52,10 @@ pub enum CalibrationError {
     #[error("every frame is clipped; take shorter exposures")]
     Clipped,
     /// Too little is seen in two exposures.
-    #[error("{channel}: only {blocks} flat blocks are unclipped in two exposures; take a scene with smooth parts of every \
-             brightness, exposures at most 3 stops apart")]
+    #[error(
+        "{channel}: only {blocks} flat blocks are unclipped in two exposures; take a scene with smooth parts of every \
+             brightness, exposures at most 3 stops apart"
+    )]
     NoOverlap {
         /// Name of the channel.
         channel: &'static str,
@@ -123,7 +127,7 @@ pub fn calibrate(frames: &[Frame], black: Option<f64>) -> Result<Calibration, Ca
         fits = fit_all(&blocks, &log_times, black)?;
     }
     let deep = frames.iter().any(|frame| matches!(frame.codes, Codes::U16(_)));
-    let response = Response::from_rows(rows(&fits, black, if deep { 4096 } else { 255 }), "response")?;
+    let response = Response::from_rows(rows(&fits, &blocks, black, if deep { 4096 } else { 255 }), "response")?;
     let channels = [0, 1, 2].map(|k| fits[k].summary(&blocks[k], black));
     Ok(Calibration { response, black, channels, left_out })
 }
@@ -145,10 +149,12 @@ fn check(frames: &[Frame]) -> Result<(), CalibrationError> {
     if frames.iter().all(|frame| ratio(frame) < SAME) {
         return Err(CalibrationError::Identical(frames.len()));
     }
-    let codes = || frames.iter().flat_map(|frame| {
-        let max = f64::from(frame.codes.max());
-        (0..frame.codes.len()).step_by(7).map(move |i| f64::from(frame.codes.get(i)) / max)
-    });
+    let codes = || {
+        frames.iter().flat_map(|frame| {
+            let max = f64::from(frame.codes.max());
+            (0..frame.codes.len()).step_by(7).map(move |i| f64::from(frame.codes.get(i)) / max)
+        })
+    };
     if codes().all(|code| code < 1.5 / 255.0) {
         return Err(CalibrationError::Black);
     }
@@ -172,14 +178,25 @@ fn u_of(code: f64) -> f64 {
     (code.max(0.0) + 2.0).ln()
 }
 
+/// The factor of the power law; codes are never quite 0.
+fn power_of(code: f64) -> f64 {
+    code.max(0.02).ln()
+}
+
+/// The equation's row for a code: the spline's functions, and the power law's.
+fn row_of(basis: &Basis, code: f64) -> [(usize, f64); 5] {
+    let (first, values) = basis.at(u_of(code));
+    std::array::from_fn(|k| values.get(k).map_or((basis.len(), power_of(code)), |&value| (first + k, value)))
+}
+
 impl Fit {
     fn g(&self, code: f64) -> f64 {
-        self.basis.value(&self.coefficients, u_of(code))
+        row_of(&self.basis, code).iter().map(|&(i, value)| self.coefficients[i] * value).sum()
     }
 
     fn slope(&self, code: f64) -> f64 {
         let (low, high) = ((code - 0.5).max(0.0), (code + 0.5).min(255.0));
-        ((self.g(high) - self.g(low)) / (high - low)).max(1e-4)
+        ((self.g(high) - self.g(low)) / (high - low)).max(LEAST_POWER / (code + 2.0))
     }
 
     /// ln of the mean light of a sample: the curve at its mean code, corrected for the spread of its codes.
@@ -218,11 +235,15 @@ fn fit_all(blocks: &[Vec<Block>; 3], log_times: &[f64], black: f64) -> Result<Ve
 fn fit(blocks: &[Block], log_times: &[f64], full: f64) -> Option<Fit> {
     let basis = Basis::new(u_of(0.0), u_of(full), INTERVALS);
     // A square law to begin with.
-    let coefficients = (0..basis.len()).map(|i| 2.0 * i as f64 * (u_of(full) - u_of(0.0)) / INTERVALS as f64).collect();
+    let mut coefficients = vec![0.0; basis.len() + 1];
+    coefficients[basis.len()] = 2.0;
     let mut fit = Fit { basis, coefficients, residuals: Vec::new(), misfit: f64::INFINITY };
-    for _ in 0..ROUNDS {
+    let least = least_smoothness(log_times);
+    for round in 0..ROUNDS {
         let forms = forms(&fit, blocks, log_times);
-        fit.coefficients = smoothest(&forms, &basis, full)?;
+        // The first rounds find a power law: weights from it lead the others the right way.
+        let range = if round < 2 { SMOOTHEST..=SMOOTHEST } else { least..=SMOOTHEST };
+        fit.coefficients = smoothest(&forms, &basis, full, range)?;
         (fit.residuals, fit.misfit) = residuals(&fit, blocks, log_times);
     }
     Some(fit)
@@ -230,19 +251,18 @@ fn fit(blocks: &[Block], log_times: &[f64], full: f64) -> Option<Fit> {
 
 /// The equations of the blocks, ln E of each eliminated, one form per part of the cross-validation.
 fn forms(fit: &Fit, blocks: &[Block], log_times: &[f64]) -> Vec<Normal> {
-    let mut forms = vec![Normal::new(fit.basis.len()); FOLDS];
+    let mut forms = vec![Normal::new(fit.basis.len() + 1); FOLDS];
     let usual = usual(fit, blocks);
     for (number, block) in blocks.iter().enumerate() {
         let form = &mut forms[number % FOLDS];
-        let (mut mean_row, mut mean_target, mut total) = (vec![0.0; fit.basis.len()], 0.0, 0.0);
+        let (mut mean_row, mut mean_target, mut total) = (vec![0.0; fit.basis.len() + 1], 0.0, 0.0);
         for (at, sample) in block.samples.iter().enumerate() {
             let variance = fit.variance(sample);
             let off = fit.residuals.get(number).map_or(0.0, |found| found[at] / variance.sqrt());
             if off.abs() > OUTLIER * usual {
                 continue;
             }
-            let (first, values) = fit.basis.at(u_of(sample.code));
-            let row: [(usize, f64); 4] = std::array::from_fn(|k| (first + k, values[k]));
+            let row = row_of(&fit.basis, sample.code);
             let target = log_times[sample.frame] - (fit.light(sample) - fit.g(sample.code));
             let weight = 1.0 / variance;
             form.add(&row, target, weight);
@@ -252,7 +272,7 @@ fn forms(fit: &Fit, blocks: &[Block], log_times: &[f64]) -> Vec<Normal> {
         }
         if total > 0.0 {
             let row: Vec<(usize, f64)> =
-                mean_row.iter().enumerate().filter(|(_, v)| **v > 0.0).map(|(i, v)| (i, v / total)).collect();
+                mean_row.iter().enumerate().filter(|(_, v)| **v != 0.0).map(|(i, v)| (i, v / total)).collect();
             form.add(&row, mean_target / total, -total);
         }
     }
@@ -274,23 +294,21 @@ fn usual(fit: &Fit, blocks: &[Block]) -> f64 {
 }
 
 /// The smoothest curve that predicts blocks it has not seen about as well as the best one does.
-fn smoothest(forms: &[Normal], basis: &Basis, full: f64) -> Option<Vec<f64>> {
-    let mut total = Normal::new(basis.len());
+fn smoothest(forms: &[Normal], basis: &Basis, full: f64, halves: std::ops::RangeInclusive<i32>) -> Option<Vec<f64>> {
+    let mut total = Normal::new(basis.len() + 1);
     forms.iter().for_each(|form| total.add_form(form, 1.0));
     let solve = |without: Option<&Normal>, smoothness: f64| {
         let mut form = total.clone();
         if let Some(fold) = without {
             form.add_form(fold, -1.0);
         }
-        let (first, values) = basis.at(u_of(full));
-        let top: [(usize, f64); 4] = std::array::from_fn(|k| (first + k, values[k]));
-        form.add(&top, 0.0, 1e3);
-        form.add_bends(BENDS, smoothness);
-        // Where nothing is seen and the penalty leaves a slope free, a faint pull to a square law decides.
-        form.add_bends(1, 1e-6);
+        form.add(&row_of(basis, full), 0.0, 1e3);
+        form.add_bends(basis.len(), BENDS, smoothness);
+        // What the penalty leaves free and the power law can do, the power law does.
+        form.add_bends(basis.len(), 1, 1e-3);
         form.minimum()
     };
-    let tried: Vec<f64> = (-2..=20).map(|i| 10f64.powf(0.5 * f64::from(i))).collect();
+    let tried: Vec<f64> = halves.map(|i| 10f64.powf(0.5 * f64::from(i))).collect();
     let error = |smoothness: f64| -> Option<f64> {
         forms.iter().map(|fold| solve(Some(fold), smoothness).map(|c| fold.value(&c))).sum()
     };
@@ -300,8 +318,21 @@ fn smoothest(forms: &[Normal], basis: &Basis, full: f64) -> Option<Vec<f64>> {
     solve(None, tried[chosen])
 }
 
+/// The largest smoothness tried, in half decades.
+const SMOOTHEST: i32 = 17;
+
+/// The least smoothness tried, in half decades. Waves of the curve that return after exactly one step of exposure do not show
+/// in the frames, and the wider the steps the longer such waves are; only smoothness forbids them.
+fn least_smoothness(log_times: &[f64]) -> i32 {
+    let mut sorted = log_times.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let steps = sorted.windows(2).map(|pair| pair[1] - pair[0]).filter(|&step| step > SAME);
+    let stops = steps.fold(f64::INFINITY, f64::min) / std::f64::consts::LN_2;
+    (4.0 + 2.0 * stops.clamp(1.0, 3.0)).round() as i32
+}
+
 /// How much worse a smoother curve may predict.
-const TOLERANCE: f64 = 0.02;
+const TOLERANCE: f64 = 0.1;
 
 /// Residuals of all samples, and the mean of their squares over the variances.
 fn residuals(fit: &Fit, blocks: &[Block], log_times: &[f64]) -> (Vec<Vec<f64>>, f64) {
@@ -320,9 +351,9 @@ fn residuals(fit: &Fit, blocks: &[Block], log_times: &[f64]) -> (Vec<Vec<f64>>, 
 }
 
 fn without(blocks: &[Block], frame: usize) -> Vec<Block> {
-    let kept = blocks.iter().map(|block| Block {
-        samples: block.samples.iter().filter(|sample| sample.frame != frame).copied().collect(),
-    });
+    let kept = blocks
+        .iter()
+        .map(|block| Block { samples: block.samples.iter().filter(|sample| sample.frame != frame).copied().collect() });
     kept.filter(|block| block.samples.len() > 1).collect()
 }
 
@@ -357,10 +388,14 @@ fn doubtful(blocks: &[Vec<Block>; 3], log_times: &[f64], black: f64, fits: &[Fit
         return None;
     }
     // The left-out frame against the curve of the others.
-    let again: Vec<Fit> = found.into_iter().zip(blocks).map(|(mut fit, blocks)| {
-        fit.residuals = against_others(&fit, blocks, log_times, frame);
-        fit
-    }).collect();
+    let again: Vec<Fit> = found
+        .into_iter()
+        .zip(blocks)
+        .map(|(mut fit, blocks)| {
+            fit.residuals = against_others(&fit, blocks, log_times, frame);
+            fit
+        })
+        .collect();
     Some(DoubtfulFrame { frame, factor: frame_residual(blocks, &again, frame).exp() })
 }
 
@@ -376,20 +411,35 @@ fn against_others(fit: &Fit, blocks: &[Block], log_times: &[f64], frame: usize) 
     blocks.iter().map(of_block).collect()
 }
 
-/// Rows of the curve file. Below the lowest code seen the curve goes on as a power law to 0 at black.
-fn rows(fits: &[Fit], black: f64, steps: usize) -> Vec<[f64; 4]> {
-    let mut rows: Vec<[f64; 4]> = Vec::with_capacity(steps + 1);
-    let full = 255.0 * (1.0 - black);
-    let tops: Vec<f64> = fits.iter().map(|fit| fit.g(full)).collect();
-    for step in 0..=steps {
-        let share = step as f64 / steps as f64;
-        let code = 255.0 * (share - black);
-        let mut row = [share, 0.0, 0.0, 0.0];
-        for k in 0..3 {
-            let before = rows.last().map_or(0.0, |row| row[k + 1]);
-            row[k + 1] = if code <= 0.0 { 0.0 } else { (fits[k].g(code) - tops[k]).exp().clamp(before, 1.0) };
+/// Share of the samples that lie below the code from which the curve goes on as a power law.
+const TOE: f64 = 0.02;
+
+/// Rows of the curve file. Below the lowest codes seen the curve goes on as a power law to 0 at black.
+fn rows(fits: &[Fit], blocks: &[Vec<Block>; 3], black: f64, steps: usize) -> Vec<[f64; 4]> {
+    let mut rows: Vec<[f64; 4]> = (0..=steps).map(|step| [step as f64 / steps as f64, 0.0, 0.0, 0.0]).collect();
+    for (channel, (fit, blocks)) in fits.iter().zip(blocks).enumerate() {
+        let toe = toe_of(blocks);
+        let power = (fit.slope(toe) * toe).clamp(LEAST_POWER, 4.0);
+        let top = fit.g(255.0 * (1.0 - black));
+        let mut before = 0.0;
+        for row in &mut rows {
+            let code = 255.0 * (row[0] - black);
+            let log = if code < toe { fit.g(toe) + power * (code.max(1e-9) / toe).ln() } else { fit.g(code) };
+            if code > 0.0 {
+                before = (log - top).exp().clamp(before, 1.0);
+            }
+            row[channel + 1] = before;
         }
-        rows.push(row);
     }
     rows
 }
+
+/// The code above black that all but a few samples exceed.
+fn toe_of(blocks: &[Block]) -> f64 {
+    let mut codes: Vec<f64> = blocks.iter().flat_map(|block| &block.samples).map(|sample| sample.code).collect();
+    let at = (codes.len() as f64 * TOE) as usize;
+    if codes.is_empty() { 1.0 } else { *codes.select_nth_unstable_by(at, f64::total_cmp).1 }
+}
+
+#[cfg(test)]
+mod tests;

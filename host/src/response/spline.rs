@@ -27,12 +27,6 @@ impl Basis {
         let values = [s * s * s, 3.0 * t * t * t - 6.0 * t * t + 4.0, 3.0 * s * s * s - 6.0 * s * s + 4.0, t * t * t];
         (first, values.map(|v| v / 6.0))
     }
-
-    /// Value of the spline with these coefficients.
-    pub fn value(&self, coefficients: &[f64], u: f64) -> f64 {
-        let (first, values) = self.at(u);
-        (0..4).map(|k| coefficients[first + k] * values[k]).sum()
-    }
 }
 
 /// A quadratic form `c' A c - 2 b' c + y`: what least squares minimises.
@@ -67,8 +61,9 @@ impl Normal {
         self.y += factor * other.y;
     }
 
-    /// Adds `weight` times the squared differences of the given order between neighbouring coefficients (Eilers & Marx 1996).
-    pub fn add_bends(&mut self, order: usize, weight: f64) {
+    /// Adds `weight` times the squared differences of the given order between neighbours among the first `count` coefficients
+    /// (Eilers & Marx 1996).
+    pub fn add_bends(&mut self, count: usize, order: usize, weight: f64) {
         let mut kernel = vec![1.0];
         for _ in 0..order {
             let mut next = vec![0.0; kernel.len() + 1];
@@ -78,7 +73,7 @@ impl Normal {
             }
             kernel = next;
         }
-        for start in 0..self.size - order {
+        for start in 0..count - order {
             let row: Vec<(usize, f64)> = kernel.iter().enumerate().map(|(i, &v)| (start + i, v)).collect();
             self.add(&row, 0.0, weight);
         }
@@ -140,10 +135,12 @@ mod tests {
         }
         let c = form.minimum().unwrap();
         assert!(form.value(&c) < 1e-12);
-        assert!((basis.value(&c, 1.234) - cubic(1.234)).abs() < 1e-9);
+        let (first, values) = basis.at(1.234);
+        let value: f64 = (0..4).map(|k| c[first + k] * values[k]).sum();
+        assert!((value - cubic(1.234)).abs() < 1e-9);
         // Third differences of a cubic's coefficients are all alike, fourth ones are 0.
         let mut bends = Normal::new(basis.len());
-        bends.add_bends(4, 1.0);
+        bends.add_bends(basis.len(), 4, 1.0);
         assert!(bends.value(&c) < 1e-12);
         assert!(Normal::new(4).minimum().is_none());
     }
