@@ -121,14 +121,14 @@ pub fn take(settings: SyntheticSettings, exposures: &[Exposure]) -> Series {
     Series { frames, camera, truth, ghost_mask }
 }
 
-/// RMS over codes 16..=247 of 255 and all channels of ln(found / true), its mean over the codes of a channel taken off; and the
+/// RMS over codes 16..=247 of 255 whose true fraction is above 0.002, and all channels, of ln(found / true), its mean over the codes of a channel taken off; and the
 /// largest difference between the channels' means (what a grey would be off in colour).
 pub fn response_error(found: impl Fn(f64, usize) -> f64, truth: &[[f64; 4]]) -> (f64, f64) {
     let (mut square, mut means) = (0.0, [0.0f64; 3]);
     let rows = &truth[16..=247];
     let mut count = 0.0;
     for k in 0..3 {
-        let seen = rows.iter().filter(|row| row[k + 1] > 0.0);
+        let seen = rows.iter().filter(|row| row[k + 1] > 2e-3);
         let logs: Vec<f64> = seen.map(|row| (found(row[0], k).max(1e-9) / row[k + 1]).ln()).collect();
         means[k] = logs.iter().sum::<f64>() / logs.len() as f64;
         square += logs.iter().map(|log| (log - means[k]).powi(2)).sum::<f64>();

@@ -1,9 +1,9 @@
 //! Pixels whose samples disagree: something passed, or the sky moved. One consistent group of samples is kept.
 //!
 //! Two samples agree when their channels differ by less than 3.5 standard deviations and 3 % of the larger, and none lies below
-//! what the other, clipped, shows at least. A frame's group is all that agrees with it. The group of most frames wins; what
-//! the sky around shows decides between groups that are alike (a bird is unlike it), and then the reference frame, so
-//! that what moved is shown as it was at one moment.
+//! what the other, clipped, shows at least. A frame's group is all that agrees with it. Groups have a vote per frame, three at
+//! most, so that a cloud's long stay before or after outweighs nothing; the reference frame's group has more, so that what moved
+//! is shown as it was at one moment; and a group like the sky around most, for a bird is unlike it.
 
 use super::tables::{Fact, Facts, format_of};
 use super::{MergeSettings, Merged, PixelState, SensorNoise};
@@ -14,8 +14,10 @@ pub(super) const MOST_FRAMES: usize = 32;
 const SIGMAS: f32 = 3.5;
 const SYSTEMATIC: f32 = 0.03;
 /// Votes of the reference frame's group, and of a group that equals the sky around.
-const REFERENCE_VOTES: f32 = 0.5;
-const SURROUNDINGS_VOTES: f32 = 1.0;
+const REFERENCE_VOTES: f32 = 3.0;
+const SURROUNDINGS_VOTES: f32 = 4.0;
+/// Frames of a group beyond which more do not count.
+const MOST_VOTES: u32 = 3;
 /// Log distance over which likeness to the surroundings fades.
 const LIKENESS: f32 = 0.2;
 /// Pixels along a side of the areas whose mean is the surroundings.
@@ -123,7 +125,7 @@ impl GhostFilter {
             let agreeing = |&j: &usize| measures(j) && agree(&samples[i], &samples[j]);
             let group = (0..samples.len()).filter(agreeing).fold(0u32, |bits, j| bits | 1 << j);
             let likeness = around.map_or(0.0, |around| (-distance(&samples[i], around) / LIKENESS).exp());
-            let votes = group.count_ones() as f32
+            let votes = group.count_ones().min(MOST_VOTES) as f32
                 + if group >> reference & 1 == 1 { REFERENCE_VOTES } else { 0.0 }
                 + SURROUNDINGS_VOTES * likeness;
             if votes > most {
