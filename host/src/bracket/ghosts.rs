@@ -15,11 +15,11 @@ const SIGMAS: f32 = 3.5;
 const SYSTEMATIC: f32 = 0.03;
 /// Votes of the reference frame's group, and of a group that equals the sky around.
 const REFERENCE_VOTES: f32 = 3.0;
-const SURROUNDINGS_VOTES: f32 = 4.0;
+const SURROUNDINGS_VOTES: f32 = 6.0;
 /// Frames of a group beyond which more do not count.
 const MOST_VOTES: u32 = 3;
 /// Log distance over which likeness to the surroundings fades.
-const LIKENESS: f32 = 0.2;
+const LIKENESS: f32 = 0.5;
 /// Pixels along a side of the areas whose mean is the surroundings.
 const AREA: usize = 16;
 /// Pixels of an area that are looked at: every so many in both directions.
