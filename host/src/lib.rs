@@ -21,6 +21,7 @@ pub mod picture;
 pub mod planner;
 pub mod plot;
 pub mod post;
+pub mod probe;
 pub mod sky_source;
 pub mod skymodel;
 pub mod sun;

@@ -97,6 +97,43 @@ pub fn write_exr(
     Ok(())
 }
 
+/// Writes linear radiance as a 32-bit float EXR with channels R, G, B, and one standard deviation of each in sigma.R, sigma.G,
+/// sigma.B of the same layer, which viewers that know no further channels pass over.
+///
+/// # Errors
+/// As [`write_exr`].
+pub fn write_exr_with_sigma(
+    path: &Path,
+    width: usize,
+    height: usize,
+    rgb: &[[f32; 3]],
+    sigma: &[[f32; 3]],
+) -> Result<(), PictureError> {
+    use exr::prelude::{AnyChannel, AnyChannels, FlatSamples};
+    check_shape(width, height, rgb.len())?;
+    check_shape(width, height, sigma.len())?;
+    let channel = |name: &str, pixels: &[[f32; 3]], k: usize| {
+        AnyChannel::new(name, FlatSamples::F32(pixels.iter().map(|pixel| pixel[k]).collect()))
+    };
+    let channels = [
+        ("R", rgb, 0),
+        ("G", rgb, 1),
+        ("B", rgb, 2),
+        ("sigma.R", sigma, 0),
+        ("sigma.G", sigma, 1),
+        ("sigma.B", sigma, 2),
+    ];
+    let channels = AnyChannels::sort(channels.map(|(name, pixels, k)| channel(name, pixels, k)).into_iter().collect());
+    let image = Image::from_encoded_channels((width, height), Encoding::FAST_LOSSLESS, channels);
+    let mut bytes = Cursor::new(Vec::new());
+    let encoded = image.write().to_buffered(&mut bytes);
+    write_whole(path, |out| {
+        encoded.map_err(io::Error::other)?;
+        out.write_all(bytes.get_ref())
+    })?;
+    Ok(())
+}
+
 /// Writes pixels `0x00RRGGBB` (sRGB, row 0 at the top) as an 8-bit RGB PNG.
 ///
 /// # Errors

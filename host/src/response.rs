@@ -3,6 +3,10 @@
 //! File: CSV rows `code/max,R,G,B`, code/max rising from 0 to 1, R, G and B linear with full well = 1; a header line may
 //! precede them. Between rows the curve is linear.
 
+pub mod blocks;
+pub mod calibration;
+mod spline;
+
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -122,6 +126,17 @@ impl Response {
         std::fs::write(path, self.to_csv()).map_err(io)
     }
 
+    /// The rows `[code/max, R, G, B]`.
+    pub fn rows(&self) -> &[[f64; 4]] {
+        &self.rows
+    }
+
+    /// The largest code / max up to which the curve shows no light in any channel: the black level.
+    pub fn black(&self) -> f64 {
+        let dark = self.rows.iter().take_while(|row| row[1..].iter().all(|&v| v <= 0.0));
+        dark.last().map_or(0.0, |row| row[0])
+    }
+
     /// Full-well fraction of a channel at code / max (0..=1).
     pub fn fraction(&self, code: f64, channel: usize) -> f64 {
         let after = self.rows.partition_point(|row| row[0] <= code).clamp(1, self.rows.len() - 1);
@@ -132,38 +147,4 @@ impl Response {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_curve_is_read_written_and_interpolated() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("c.csv");
-        let rows = (0..=255).map(|i| f64::from(i) / 255.0).map(|c| [c, c.powf(2.2), c * c, c]).collect();
-        let response = Response::from_rows(rows, "c").unwrap();
-        response.save(&path).unwrap();
-        assert_eq!(Response::load(&path).unwrap(), response);
-        assert!((response.fraction(0.5, 1) - 0.25).abs() < 1e-5);
-        assert_eq!((response.fraction(0.0, 0), response.fraction(1.0, 0)), (0.0, 1.0));
-        assert_eq!(Response::default().fraction(0.37, 2), 0.37);
-    }
-
-    #[test]
-    fn bad_curves_are_named() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("c.csv");
-        for (text, expected) in [
-            ("", "no rows"),
-            ("0,0,0,0\n0.5,.5,.5,.5\n0.7,.4,.6,.7\n1,1,1,1", "line 3"),
-            ("0,0,0,0\n0.5,.5,x,.5\n1,1,1,1", "line 2"),
-            ("0,0,0,0\n0.5,.5,NaN,.5\n1,1,1,1", "line 2"),
-            ("0,0,0,0\n0.5,1,1,1", "from 0 to 1"),
-            ("0,0,0.5,0\n1,1,0.5,1", "level"),
-            ("0,0,0,0\n1,2,1,1", "full well"),
-        ] {
-            std::fs::write(&path, text).unwrap();
-            let error = Response::load(&path).unwrap_err().to_string();
-            assert!(error.contains(expected) && error.contains("c.csv"), "{error}");
-        }
-    }
-}
+mod tests;

@@ -8,6 +8,7 @@ pub mod picture;
 pub mod program;
 pub mod scene;
 pub mod skip;
+pub mod skycamera;
 pub mod stressbound;
 pub mod stressfield;
 pub mod stresslight;

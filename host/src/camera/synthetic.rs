@@ -1,94 +1,29 @@
-//! A synthetic sky camera: the simulated sky through a fisheye onto an 8-bit sensor.
+//! A synthetic sky camera: a known radiance map through lens, glare and passing things onto a sensor with flaws.
 //!
-//! Radiance (the sky model's, with the sun's disc shared by the pixels it covers) x vignetting x exposure -> full-well
-//! fraction -> shot and read noise -> clipping -> response curve (a power law) -> code. Everything follows from the seed,
-//! the frame's number and the time. A request shows `delay_frames` frames later; times are multiples of a step.
+//! Radiance (the sky model's with the sun's disc shared by the pixels it covers, or any lat-long map) x the filters' own
+//! primaries x what passes before the sky x vignetting, then glare -> x exposure -> full-well fraction -> shot and read noise
+//! -> clipping -> response curve per channel, black level -> code of 8 to 16 bits. Everything follows from the seed, the
+//! frame's number and the time. A request shows `delay_frames` frames later; times are multiples of a step; frames may be
+//! dropped or handed out twice.
+
+mod curve;
+mod ghosts;
+mod optics;
+mod sensor;
+mod settings;
 
 use super::{Camera, CameraError, CameraLimits, Exposure, Frame};
 use crate::lens::Lens;
 use crate::map::{RadianceMap, Taps};
-use crate::skymodel::{Atmosphere, SkyModel, disc_directions};
-use crate::sun::{Place, SunPosition};
+use crate::skymodel::{SkyModel, disc_directions};
+use crate::sun::SunPosition;
+pub use curve::Curve;
+pub use ghosts::{Ghosts, Passing};
+pub use optics::Glare;
+use optics::{SeenPixel, mixed, seen_pixels};
+use sensor::{Sensor, Shot, splitmix};
+pub use settings::{REC709, SyntheticSettings};
 use std::collections::VecDeque;
-
-const NOISE_TABLE: usize = 4096;
-const RESPONSE_STEPS: usize = 8192;
-
-/// What the synthetic camera is like and where it stands.
-#[derive(Clone, Debug)]
-pub struct SyntheticSettings {
-    /// Pixels per row.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// Lens and orientation; an equidistant one of 185 degrees that looks at the zenith if none.
-    pub lens: Option<Lens>,
-    /// Where it stands.
-    pub place: Place,
-    /// Where north lies, degrees from -Z towards +X.
-    pub north_deg: f64,
-    /// Air, clouds and ground.
-    pub atmosphere: Atmosphere,
-    /// A sun position that overrules time and place.
-    pub sun: Option<SunPosition>,
-    /// Time of the first frame, unix seconds.
-    pub start_unix_s: f64,
-    /// Time between frames, seconds.
-    pub frame_interval_s: f64,
-    /// Radiance x exposure x gain that fills the well, radiance unit x s.
-    pub full_well_radiance_s: f64,
-    /// Electrons of a full well.
-    pub full_well_electrons: f64,
-    /// Read noise, electrons rms.
-    pub read_noise_electrons: f64,
-    /// Code = 255 x fraction^(1 / gamma).
-    pub gamma: f64,
-    /// Share of light lost at 90 degrees off the axis, falling off with the square of the angle.
-    pub vignetting: f64,
-    /// Shortest exposure and step of exposure times, seconds.
-    pub exposure_step_s: f64,
-    /// Longest exposure, seconds.
-    pub max_exposure_s: f64,
-    /// Frames until a request shows.
-    pub delay_frames: u32,
-    /// Rows of the lat-long map through which the sky is seen; fewer are quicker and blur the clouds.
-    pub sky_rows: usize,
-    /// Noise.
-    pub seed: u64,
-}
-
-impl Default for SyntheticSettings {
-    fn default() -> Self {
-        SyntheticSettings {
-            width: 480,
-            height: 480,
-            lens: None,
-            place: Place { latitude_deg: 48.0, longitude_deg: 11.0 },
-            north_deg: 0.0,
-            atmosphere: Atmosphere::default(),
-            sun: None,
-            start_unix_s: 1_782_043_200.0,
-            frame_interval_s: 1.0 / 30.0,
-            full_well_radiance_s: 0.04,
-            full_well_electrons: 10_000.0,
-            read_noise_electrons: 5.0,
-            gamma: 2.2,
-            vignetting: 0.0,
-            exposure_step_s: 1e-4,
-            max_exposure_s: 0.5,
-            delay_frames: 2,
-            sky_rows: 128,
-            seed: 1,
-        }
-    }
-}
-
-/// A pixel that sees the sky: its index and direction, and the share of light that vignetting leaves.
-struct SeenPixel {
-    index: usize,
-    dir: [f32; 3],
-    passed: f32,
-}
 
 /// See the module's text.
 pub struct SyntheticCamera {
@@ -97,32 +32,19 @@ pub struct SyntheticCamera {
     seen: Vec<SeenPixel>,
     /// Where each seen pixel takes its radiance from the sky's map.
     taps: Vec<Taps>,
-    /// Truth: radiance per seen pixel at `sky_time_s`, before vignetting.
+    /// Truth: Rec.709 radiance per seen pixel at `sky_time_s`, before vignetting.
     truth: Vec<[f32; 3]>,
     sky: SkyModel,
     sky_time_s: f64,
+    /// What reaches the sensor, per seen pixel; of the last frame where something passes.
+    light: Vec<[f32; 3]>,
     time_s: f64,
     sequence: u64,
     current: Exposure,
     pending: VecDeque<(u64, Exposure)>,
-    noise: Vec<f32>,
-    response: Vec<u8>,
-}
-
-fn splitmix(state: &mut u64) -> u64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut z = *state;
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
-
-/// Normal deviates in random order: cheap noise with an exact distribution.
-fn noise_table(seed: u64) -> Vec<f32> {
-    let mut state = seed;
-    let mut uniform = || ((splitmix(&mut state) >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
-    let mut normal = || (-2.0 * uniform().ln()).sqrt() * (std::f64::consts::TAU * uniform()).cos();
-    (0..NOISE_TABLE).map(|_| normal() as f32).collect()
+    sensor: Sensor,
+    /// The last frame, kept where frames may be repeated.
+    last: Option<Frame>,
 }
 
 fn sky_of(settings: &SyntheticSettings, time_s: f64) -> SkyModel {
@@ -131,10 +53,14 @@ fn sky_of(settings: &SyntheticSettings, time_s: f64) -> SkyModel {
     SkyModel::new(settings.atmosphere, position, settings.north_deg, time_s)
 }
 
-fn taps(sky_rows: usize, seen: &[SeenPixel]) -> Vec<Taps> {
-    let map = RadianceMap { width: 2 * sky_rows, height: sky_rows, pixels: Vec::new() };
+fn taps(settings: &SyntheticSettings, seen: &[SeenPixel]) -> Vec<Taps> {
+    if let Some(map) = &settings.map {
+        return seen.iter().map(|pixel| map.taps(pixel.dir)).collect();
+    }
+    let rows = settings.sky_rows;
+    let map = RadianceMap { width: 2 * rows, height: rows, pixels: Vec::new() };
     // The map's rows next to the horizon must not mix sky and ground.
-    let lowest = 0.5 * std::f32::consts::PI / sky_rows as f32;
+    let lowest = 0.5 * std::f32::consts::PI / rows as f32;
     seen.iter().map(|pixel| map.taps([pixel.dir[0], pixel.dir[1].max(lowest), pixel.dir[2]])).collect()
 }
 
@@ -143,40 +69,23 @@ impl SyntheticCamera {
     pub fn new(settings: SyntheticSettings) -> Self {
         let default = || Lens::zenith_equidistant(settings.width, settings.height, 185.0);
         let lens = settings.lens.clone().unwrap_or_else(default);
-        let axis =
-            lens.unproject([0.5 * settings.width as f64, 0.5 * settings.height as f64]).unwrap_or([0.0, 1.0, 0.0]);
-        let mut seen = Vec::new();
-        for index in 0..settings.width * settings.height {
-            let at = [(index % settings.width) as f64 + 0.5, (index / settings.width) as f64 + 0.5];
-            let Some(dir) = lens.unproject(at) else { continue };
-            let off_axis = (0..3).map(|k| axis[k] * dir[k]).sum::<f64>().clamp(-1.0, 1.0).acos();
-            if off_axis > 1.65 {
-                continue;
-            }
-            let passed = 1.0 - settings.vignetting * (off_axis / std::f64::consts::FRAC_PI_2).powi(2);
-            seen.push(SeenPixel { index, dir: dir.map(|c| c as f32), passed: passed.max(0.0) as f32 });
-        }
-        let response = (0..=RESPONSE_STEPS)
-            .map(|i| (255.0 * (i as f64 / RESPONSE_STEPS as f64).powf(2.0 / settings.gamma)).round() as u8)
-            .collect();
+        let seen = seen_pixels(&settings, &lens);
         let time_s = settings.start_unix_s;
-        let sky = sky_of(&settings, time_s);
-        let noise = noise_table(settings.seed);
-        let current = Exposure { exposure_s: settings.exposure_step_s, gain: 1.0 };
         let mut camera = SyntheticCamera {
             truth: vec![[0.0; 3]; seen.len()],
-            taps: taps(settings.sky_rows, &seen),
+            light: vec![[0.0; 3]; seen.len()],
+            taps: taps(&settings, &seen),
+            sky: sky_of(&settings, time_s),
+            sensor: Sensor::new(&settings),
+            current: Exposure { exposure_s: settings.exposure_step_s, gain: 1.0 },
             settings,
             lens,
             seen,
-            sky,
             sky_time_s: f64::NAN,
             time_s,
             sequence: 0,
-            current,
             pending: VecDeque::new(),
-            noise,
-            response,
+            last: None,
         };
         camera.look();
         camera
@@ -187,7 +96,7 @@ impl SyntheticCamera {
         &self.lens
     }
 
-    /// The sky as of the last frame: the truth behind the pictures.
+    /// The sky as of the last frame: the truth behind the pictures, unless a map is.
     pub fn sky(&self) -> &SkyModel {
         &self.sky
     }
@@ -203,10 +112,44 @@ impl SyntheticCamera {
         self.seen.iter().map(|pixel| pixel.index).zip(self.truth.iter().copied())
     }
 
-    /// True radiance per pixel as of the last frame, sun's disc included; 0 where the lens sees nothing.
+    /// True Rec.709 radiance per pixel as of the last frame, sun's disc included; 0 where the lens sees nothing. What
+    /// passes before the sky is not in it.
     pub fn truth(&self) -> Vec<[f32; 3]> {
+        self.picture(self.truth.iter().copied())
+    }
+
+    /// True radiance per pixel in the camera's own primaries, as of the last frame, before vignetting and glare.
+    pub fn truth_camera(&self) -> Vec<[f32; 3]> {
+        let matrix = &self.settings.camera_from_rec709;
+        self.picture(self.truth.iter().map(|&value| mixed(matrix, value)))
+    }
+
+    /// True radiance per pixel as it falls on the sensor in a frame (by its sequence number, under the sky of the last
+    /// frame): camera primaries, vignetting, glare and clouds that pass; no birds. What merging can at best find.
+    pub fn truth_at_sensor(&self, sequence: u64) -> Vec<[f32; 3]> {
+        let mut light = Vec::new();
+        self.image(self.passing(sequence).as_deref(), |passing| passing.sky, &mut light);
+        self.picture(light.into_iter())
+    }
+
+    /// True where birds or moving clouds made the pictures of some frames differ by more than 2 %.
+    pub fn ghost_mask(&self, sequences: &[u64]) -> Vec<bool> {
+        let mut range = vec![[f32::INFINITY, 0.0f32]; self.seen.len()];
+        for passing in sequences.iter().filter_map(|&sequence| self.passing(sequence)) {
+            for (range, passing) in range.iter_mut().zip(passing) {
+                *range = [range[0].min(passing.seen), range[1].max(passing.seen)];
+            }
+        }
+        let mut mask = vec![false; self.settings.width * self.settings.height];
+        for (pixel, [low, high]) in self.seen.iter().zip(range) {
+            mask[pixel.index] = high > 1.02 * low;
+        }
+        mask
+    }
+
+    fn picture(&self, values: impl Iterator<Item = [f32; 3]>) -> Vec<[f32; 3]> {
         let mut picture = vec![[0.0; 3]; self.settings.width * self.settings.height];
-        for (pixel, &value) in self.seen.iter().zip(&self.truth) {
+        for (pixel, value) in self.seen.iter().zip(values) {
             picture[pixel.index] = value;
         }
         picture
@@ -222,24 +165,61 @@ impl SyntheticCamera {
         self.time_s = unix_s;
     }
 
-    /// Sets the response curve's exponent aside: the linear fraction (0..1) of each code, for a response table.
+    /// The linear fraction (0..1) of each 8-bit code in green, for a response table.
     pub fn response_curve(&self) -> Vec<f64> {
-        (0..256).map(|code| (f64::from(code) / 255.0).powf(self.settings.gamma)).collect()
+        self.response_rows().iter().map(|row| row[2]).collect()
+    }
+
+    /// The true inverse response: rows `[code/max, R, G, B]`, 256 of them, full well = 1, 0 up to the black level.
+    pub fn response_rows(&self) -> Vec<[f64; 4]> {
+        let (curves, black) = (self.settings.curves(), self.settings.black);
+        let row = |code: u32| {
+            let share = f64::from(code) / 255.0;
+            let [r, g, b] = curves.map(|curve| curve.fraction((share - black) / (1.0 - black)));
+            [share, r, g, b]
+        };
+        (0..256).map(row).collect()
     }
 
     /// Evaluates the sky once per tenth of a second: clouds and sun move less than a pixel in that time.
     fn look(&mut self) {
-        if (self.time_s - self.sky_time_s).abs() < 0.1 {
+        if (self.time_s - self.sky_time_s).abs() < 0.1 || (self.settings.map.is_some() && !self.sky_time_s.is_nan()) {
             return;
         }
-        self.sky = sky_of(&self.settings, self.time_s);
         self.sky_time_s = self.time_s;
-        let map = self.sky.map(self.settings.sky_rows);
-        let ground = self.sky.ground_radiance();
-        for ((value, pixel), taps) in self.truth.iter_mut().zip(&self.seen).zip(&self.taps) {
-            *value = if pixel.dir[1] < 0.0 { ground } else { map.mix(taps) };
+        self.sky = sky_of(&self.settings, self.time_s);
+        if let Some(map) = &self.settings.map {
+            self.truth.iter_mut().zip(&self.taps).for_each(|(value, taps)| *value = map.mix(taps));
+        } else {
+            let map = self.sky.map(self.settings.sky_rows);
+            let ground = self.sky.ground_radiance();
+            for ((value, pixel), taps) in self.truth.iter_mut().zip(&self.seen).zip(&self.taps) {
+                *value = if pixel.dir[1] < 0.0 { ground } else { map.mix(taps) };
+            }
+            self.add_sun();
         }
-        self.add_sun();
+        let mut light = std::mem::take(&mut self.light);
+        self.image(None, |_| 1.0, &mut light);
+        self.light = light;
+    }
+
+    /// What passes each seen pixel in a frame; none where nothing ever does.
+    fn passing(&self, sequence: u64) -> Option<Vec<Passing>> {
+        let size = (self.settings.width, self.settings.height);
+        let pixels = || self.seen.iter().map(|pixel| pixel.index).collect::<Vec<_>>();
+        (!self.settings.ghosts.none()).then(|| self.settings.ghosts.passing(size, sequence, &pixels()))
+    }
+
+    /// The light on the sensor, per seen pixel.
+    fn image(&self, passing: Option<&[Passing]>, factor: impl Fn(&Passing) -> f32, into: &mut Vec<[f32; 3]>) {
+        let matrix = &self.settings.camera_from_rec709;
+        into.clear();
+        into.extend(self.seen.iter().zip(&self.truth).enumerate().map(|(at, (pixel, &value))| {
+            let own = if *matrix == REC709 { value } else { mixed(matrix, value) };
+            let passed = pixel.passed * passing.map_or(1.0, |passing| factor(&passing[at]));
+            own.map(|v| v * passed)
+        }));
+        self.settings.glare.scatter(&self.seen, (self.settings.width, self.settings.height), into);
     }
 
     /// Adds the sun's disc; pixels share it by the area of the disc they see.
@@ -285,6 +265,12 @@ impl Camera for SyntheticCamera {
     }
 
     fn frame(&mut self, into: &mut Frame) -> Result<(), CameraError> {
+        if self.repeats(into) {
+            return Ok(());
+        }
+        while self.happens(self.settings.dropped_share, 0x6472_6f70) {
+            self.advance();
+        }
         while let Some(&(from, exposure)) = self.pending.front()
             && from <= self.sequence
         {
@@ -292,90 +278,53 @@ impl Camera for SyntheticCamera {
             self.pending.pop_front();
         }
         self.look();
-        let scale = (self.current.product_s() / self.settings.full_well_radiance_s) as f32;
-        let gain = self.current.gain;
-        let shot = (gain / self.settings.full_well_electrons) as f32;
-        let read = ((gain * self.settings.read_noise_electrons / self.settings.full_well_electrons) as f32).powi(2);
-        let mut state = self.settings.seed ^ self.sequence.wrapping_mul(0xd134_2543_de82_ef95);
-        let codes = into.codes_u8(self.settings.width, self.settings.height);
-        codes.fill(0);
-        for (pixel, value) in self.seen.iter().zip(&self.truth) {
-            let bits = splitmix(&mut state);
-            for k in 0..3 {
-                let signal = value[k] * pixel.passed * scale;
-                let deviate = self.noise[(bits >> (16 * k)) as usize % NOISE_TABLE];
-                let noisy = (signal + deviate * (signal * shot + read).sqrt()).clamp(0.0, 1.0);
-                // The table runs over the root, where a power law is smooth at 0.
-                codes[pixel.index * 3 + k] = self.response[(noisy.sqrt() * RESPONSE_STEPS as f32 + 0.5) as usize];
-            }
+        if let Some(passing) = self.passing(self.sequence) {
+            let mut light = std::mem::take(&mut self.light);
+            self.image(Some(&passing), |passing| passing.seen, &mut light);
+            self.light = light;
         }
+        let shot = Shot {
+            product_s: self.current.product_s(),
+            gain: self.current.gain,
+            seed: self.settings.seed ^ self.sequence.wrapping_mul(0xd134_2543_de82_ef95),
+        };
+        let light = self.seen.iter().map(|pixel| pixel.index).zip(self.light.iter().copied());
+        self.sensor.expose((self.settings.width, self.settings.height), light, &shot, into);
         into.exposure = self.current;
         into.sequence = self.sequence;
         into.captured_at_s = self.time_s;
-        self.sequence += 1;
-        self.time_s += self.settings.frame_interval_s;
+        self.advance();
+        if self.settings.repeated_share > 0.0 {
+            self.last = Some(into.clone());
+        }
         Ok(())
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn small() -> SyntheticSettings {
-        SyntheticSettings { width: 64, height: 64, gamma: 1.0, ..SyntheticSettings::default() }
+impl SyntheticCamera {
+    fn advance(&mut self) {
+        self.sequence += 1;
+        self.time_s += self.settings.frame_interval_s;
     }
 
-    #[test]
-    fn codes_follow_truth_and_exposure_after_the_delay() {
-        let mut camera = SyntheticCamera::new(small());
-        let wanted = camera.request(Exposure { exposure_s: 1.23e-3, gain: 1.0 }).unwrap();
-        assert!((wanted.exposure_s - 1.2e-3).abs() < 1e-12);
-        let mut frame = Frame::default();
-        for expected in [1e-4, 1e-4, 1.2e-3] {
-            camera.frame(&mut frame).unwrap();
-            assert!((frame.exposure.exposure_s - expected).abs() < 1e-12, "{:?}", frame.exposure);
-        }
-        let truth = camera.truth();
-        for (pixel, value) in truth.iter().enumerate() {
-            for (k, &value) in value.iter().enumerate() {
-                let fraction = f64::from(value) * 1.2e-3 / camera.radiance_scale();
-                let spread = (fraction / 1e4 + (5e-4f64).powi(2)).sqrt() * 255.0;
-                let expected = 255.0 * fraction.min(1.0);
-                let off = (f64::from(frame.codes.get(pixel * 3 + k)) - expected).abs();
-                assert!(fraction > 0.97 || off < 5.0 * spread + 0.6, "{pixel} {k}: {off}");
-            }
-        }
+    /// Whether something that happens to a share of frames happens to the next one.
+    fn happens(&self, share: f64, salt: u64) -> bool {
+        let mut state = (self.settings.seed << 32) ^ salt ^ self.sequence.wrapping_mul(0x9e6c_63d0_876a_3f6b);
+        (splitmix(&mut state) >> 11) as f64 / ((1u64 << 53) as f64) < share.min(0.9)
     }
 
-    #[test]
-    fn the_suns_disc_keeps_its_irradiance() {
-        let settings = SyntheticSettings { width: 480, height: 480, ..small() };
-        let mut camera = SyntheticCamera::new(settings);
-        camera.frame(&mut Frame::default()).unwrap();
-        let sun = camera.sky().sun().unwrap();
-        let (mut sum, truth) = (0.0, camera.truth());
-        for (pixel, value) in truth.iter().enumerate() {
-            let at = [(pixel % 480) as f64 + 0.5, (pixel / 480) as f64 + 0.5];
-            let dir = camera.lens().unproject(at).unwrap();
-            if (0..3).map(|k| dir[k] * f64::from(sun.dir_world[k])).sum::<f64>() > 1.0f64.to_radians().cos() {
-                let background = f64::from(camera.sky().radiance(dir.map(|c| c as f32))[1]);
-                sum += (f64::from(value[1]) - background) * camera.lens().solid_angle_sr(at).unwrap();
-            }
+    /// Hands out the last frame again where it stands in for the next one.
+    fn repeats(&mut self, into: &mut Frame) -> bool {
+        if !self.happens(self.settings.repeated_share, 0x7265_7065) {
+            return false;
         }
-        assert!((sum / f64::from(sun.irradiance[1]) - 1.0).abs() < 0.02, "{sum} {sun:?}");
-    }
-
-    #[test]
-    fn the_same_seed_gives_the_same_frames() {
-        let frames = |seed| {
-            let mut camera = SyntheticCamera::new(SyntheticSettings { seed, ..small() });
-            let mut frame = Frame::default();
-            camera.frame(&mut frame).unwrap();
-            camera.frame(&mut frame).unwrap();
-            frame
-        };
-        assert_eq!(frames(3), frames(3));
-        assert_ne!(frames(3).codes, frames(4).codes);
+        let Some(last) = self.last.take() else { return false };
+        into.clone_from(&last);
+        self.last = Some(last);
+        self.advance();
+        true
     }
 }
+
+#[cfg(test)]
+mod tests;

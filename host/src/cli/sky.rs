@@ -1,6 +1,7 @@
 //! `relume sky`: from a camera's frames to a radiance map to weights.
 
 mod merge;
+mod response;
 mod weights;
 
 use super::args::Command;
@@ -10,12 +11,23 @@ use crate::sun::{Place, SunPosition, sun_position};
 pub(super) const COMMAND: Command = Command {
     name: "sky",
     help: "\
-relume sky merge FRAMES_DIR [--response CURVE.csv] [--lens LENS.json] [--sun AZ,ALT | --site LAT,LON] -o MAP.hdr|MAP.exr
-  Merges the exposure series of FRAMES_DIR/frames.json into linear radiance.
+relume sky response FRAMES_DIR [--black SHARE] [--plot P.png] -o CURVE.csv
+  Finds the camera's response from the exposure series of FRAMES_DIR/frames.json, best ten or more frames one stop apart.
+  --black SHARE         black level, share of the largest code; left out, from pixels that stay dark
+  --plot P.png          draws the curves
+
+relume sky merge FRAMES_DIR [--response CURVE.csv] [--sensor ELECTRONS,READ] [--lens LENS.json [--probe PROBE.json]
+                 (--sun AZ,ALT | --site LAT,LON) [--lat-long]] [--uncertainty] -o MAP.hdr|MAP.exr
+  Merges the exposure series of FRAMES_DIR/frames.json into linear radiance, full-well fractions per second, in the camera's
+  own picture. Exposures that do not fit the others are corrected, samples that do not fit a pixel's others left out.
   --response CURVE.csv  the camera's response; linear if left out
-  --lens LENS.json      makes a lat-long map of it; left out, the result keeps the camera's own picture
-  --sun AZ,ALT          where the sun stands, degrees; what was clipped there is rebuilt (needs --lens)
+  --sensor ELECTRONS,READ  electrons of a full well and of read noise; left out, found from the frames
+  --lens LENS.json      lens and orientation
+  --probe PROBE.json    {\"E_horizontal\":[r,g,b]}: a clipped sun's disc is rebuilt so that the horizontal irradiance agrees
+  --sun AZ,ALT          where the sun stands, degrees
   --site LAT,LON        the same from place and the frames' captured_at
+  --lat-long            makes a lat-long map; without a probe a clipped sun is rebuilt from a clear-sky model
+  --uncertainty         adds one standard deviation per channel (sigma.R, sigma.G, sigma.B) to the .exr
 
 relume sky weights MAP --field FIELD [--lens LENS.json] [--sun AZ,ALT] [--env-rot DEG] [--json] -o W.csv
   Weights for the field's patches.
@@ -25,18 +37,19 @@ relume sky weights MAP --field FIELD [--lens LENS.json] [--sun AZ,ALT] [--env-ro
   --json                which patches were filled from a smooth sky, how the sun is known, and how far the weights'
                         horizontal irradiance is off the map's
 
-relume sky response, relume sky lens and --probe come with a later version.
+relume sky lens comes with a later version.
 ",
     act,
 };
 
 fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
-    let task = parser.value().map_err(|_| Failure::bad("sky: name a task: merge or weights"))?;
+    let task = parser.value().map_err(|_| Failure::bad("sky: name a task: response, merge or weights"))?;
     match task.to_string_lossy().as_ref() {
         "merge" => merge::act(parser),
+        "response" => response::act(parser),
         "weights" => weights::act(parser),
-        task @ ("response" | "lens") => Err(Failure::bad(format!("sky {task}: comes with a later version"))),
-        other => Err(Failure::bad(format!("sky {other}: unknown task; choose merge or weights"))),
+        task @ "lens" => Err(Failure::bad(format!("sky {task}: comes with a later version"))),
+        other => Err(Failure::bad(format!("sky {other}: unknown task; choose response, merge or weights"))),
     }
 }
 

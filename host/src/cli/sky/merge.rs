@@ -1,18 +1,20 @@
 //! `relume sky merge`: an exposure series into linear radiance.
 
 use super::SunOption;
-use crate::bracket::{MergeSettings, Merged, Merger};
-use crate::camera::Frame;
-use crate::camera::replay::{read_frame, read_list};
+use super::response::read_all;
+use crate::bracket::{MergeReport, MergeSettings, Merged, Merger, SensorNoise};
 use crate::capture::{Capture, CaptureSettings, Captured};
 use crate::cli::args::{numbers, place, required};
 use crate::failure::{Failure, OrFail};
 use crate::lens::Lens;
 use crate::map::RadianceMap;
 use crate::outfile::check_writable;
+use crate::picture::write_exr_with_sigma;
+use crate::probe::{Probe, Rebuilt};
 use crate::response::Response;
 use crate::skymodel::paint_disc;
 use crate::split::SUN_RADIUS_DEG;
+use crate::sun::dir_world;
 use relume_firmware::patches::PatchSet;
 use std::path::{Path, PathBuf};
 
@@ -25,8 +27,12 @@ const FILL_PATCHES: usize = 256;
 struct Options {
     frames: Option<PathBuf>,
     response: Option<PathBuf>,
+    noise: Option<[f64; 2]>,
     lens: Option<PathBuf>,
+    probe: Option<PathBuf>,
     sun: Option<SunOption>,
+    lat_long: bool,
+    uncertainty: bool,
     out: Option<PathBuf>,
 }
 
@@ -35,19 +41,41 @@ pub(super) fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     let folder = required(options.frames.as_ref(), "FRAMES_DIR")?;
     let out = required(options.out.as_ref(), "-o MAP.hdr or -o MAP.exr")?;
     let ending = out.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-    if !matches!(ending.as_deref(), Some("hdr" | "exr")) {
+    check(&options, out, ending.as_deref())?;
+    check_writable(out)?;
+    let lens = options.lens.as_ref().map(|path| Lens::load(path)).transpose().or_bad()?;
+    let probe = options.probe.as_ref().map(|path| Probe::load(path)).transpose().or_bad()?;
+    let (mut merged, sigma) = merge(folder, &options)?;
+    if let (Some(lens), Some(probe), Some(sun)) = (&lens, probe, options.sun) {
+        let towards = dir_world(sun.position(merged.captured_at_s)?, 0.0);
+        tell_sun(probe.rebuild(&mut merged, lens, towards).or_bad()?);
+    }
+    let (width, height) = (merged.width, merged.height);
+    match (&lens, sigma) {
+        (_, Some(sigma)) => Ok(write_exr_with_sigma(out, width, height, &merged.radiance, &sigma)?),
+        (Some(lens), None) if options.lat_long => lat_long(&merged, lens, options.sun)?.save(out).or_runtime(),
+        _ => RadianceMap { width, height, pixels: merged.radiance }.save(out).or_runtime(),
+    }
+}
+
+fn check(options: &Options, out: &Path, ending: Option<&str>) -> Result<(), Failure> {
+    let bad = |what: &str| Err(Failure::bad(format!("sky merge: {what}")));
+    if !matches!(ending, Some("hdr" | "exr")) {
         return Err(Failure::bad(format!("{}: end the name in .hdr or .exr", out.display())));
     }
     if options.sun.is_some() && options.lens.is_none() {
-        return Err(Failure::bad("sky merge: --sun and --site need --lens, which tells where in the picture that is"));
+        return bad("--sun and --site need --lens, which tells where in the picture that is");
     }
-    check_writable(out)?;
-    let merged = merge(folder, options.response.as_deref())?;
-    let map = match &options.lens {
-        Some(path) => lat_long(&merged, &Lens::load(path).or_bad()?, options.sun)?,
-        None => RadianceMap { width: merged.width, height: merged.height, pixels: merged.radiance },
-    };
-    map.save(out).or_runtime()
+    if options.lat_long && options.lens.is_none() {
+        return bad("--lat-long needs --lens");
+    }
+    if options.probe.is_some() && (options.lens.is_none() || options.sun.is_none()) {
+        return bad("--probe needs --lens, and --sun or --site: they tell where the sun is in the picture");
+    }
+    if options.uncertainty && (ending != Some("exr") || options.lat_long) {
+        return bad("--uncertainty adds channels to an .exr in the camera's frame; leave out --lat-long");
+    }
+    Ok(())
 }
 
 fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
@@ -56,30 +84,75 @@ fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
     while let Some(arg) = parser.next()? {
         match arg {
             Long("response") => o.response = Some(parser.value()?.into()),
+            Long("sensor") => {
+                o.noise = Some(numbers(parser, "--sensor", "electrons of a full well and of read noise")?)
+            }
             Long("lens") => o.lens = Some(parser.value()?.into()),
             Long("sun") => o.sun = Some(SunOption::Position(numbers(parser, "--sun", "azimuth and altitude")?)),
             Long("site") => o.sun = Some(SunOption::Site(numbers(parser, "--site", "latitude and longitude")?)),
-            Long("probe") => return Err(Failure::bad("sky merge: --probe comes with a later version")),
+            Long("probe") => o.probe = Some(parser.value()?.into()),
+            Long("lat-long") => o.lat_long = true,
+            Long("uncertainty") => o.uncertainty = true,
             Long("out") | Short('o') => o.out = Some(parser.value()?.into()),
             Value(value) => place(value, &mut [&mut o.frames])?,
             other => return Err(other.unexpected().into()),
         }
     }
+    if let Some([full_well, read]) = o.noise
+        && !(full_well >= 1.0 && read >= 0.0)
+    {
+        return Err(Failure::bad("--sensor: electrons of a full well (1 or more) and of read noise (0 or more)"));
+    }
     Ok(o)
 }
 
-fn merge(folder: &Path, response: Option<&Path>) -> Result<Merged, Failure> {
-    let response = response.map(Response::load).transpose().or_bad()?.unwrap_or_default();
-    let mut frames = Vec::new();
-    for (index, recorded) in read_list(folder).or_bad()?.iter().enumerate() {
-        let mut frame = Frame::default();
-        read_frame(recorded, index as u64, &mut frame).or_bad()?;
-        frames.push(frame);
-    }
+fn merge(folder: &Path, options: &Options) -> Result<(Merged, Option<Vec<[f32; 3]>>), Failure> {
+    let response = options.response.as_ref().map(|path| Response::load(path));
+    let response = response.transpose().or_bad()?.unwrap_or_default();
+    let noise = options
+        .noise
+        .map(|[full_well_electrons, read_noise_electrons]| SensorNoise { full_well_electrons, read_noise_electrons });
+    let frames = read_all(folder)?;
+    let mut merger = Merger::new(MergeSettings { response, noise, ..MergeSettings::default() });
     let mut merged = Merged::default();
     let told = |error| Failure::bad(format!("{}: {error}", folder.display()));
-    Merger::new(MergeSettings { response, ..MergeSettings::default() }).merge(&frames, &mut merged).map_err(told)?;
-    Ok(merged)
+    merger.merge(&frames, &mut merged).map_err(told)?;
+    tell(merger.report());
+    let sigma = options.uncertainty.then(|| merger.uncertainty(&frames, &merged));
+    Ok((merged, sigma))
+}
+
+/// Drift of neighbouring exposures that is worth a word, natural log.
+const DRIFT: f64 = 0.08;
+
+fn tell(report: &MergeReport) {
+    let noise = report.noise;
+    eprintln!(
+        "sensor: {:.0} electrons of a full well, read noise {:.1}; {} pixels had samples left out",
+        noise.full_well_electrons, noise.read_noise_electrons, report.ghost_pixels
+    );
+    for (frame, factor) in report.exposure_factors.iter().enumerate().filter(|(_, factor)| **factor != 1.0) {
+        eprintln!(
+            "frame {frame}: its exposure was taken as {factor:.3} times what frames.json says, to fit the others"
+        );
+    }
+    if report.drift.abs() > DRIFT || report.inconsistent {
+        let percent = 100.0 * report.drift.exp_m1();
+        eprintln!(
+            "the frames disagree ({percent:+.0} % from one exposure to the next): response curve or time_s is wrong"
+        );
+    }
+}
+
+fn tell_sun(sun: Rebuilt) {
+    match sun {
+        Rebuilt::Disc([r, g, b]) => {
+            eprintln!("sun: clipped; rebuilt from the probe with irradiance {r:.4e} {g:.4e} {b:.4e}")
+        }
+        Rebuilt::NotClipped => eprintln!("sun: not clipped; kept as measured"),
+        Rebuilt::NotSeen => eprintln!("sun: below the horizon or outside the picture"),
+        Rebuilt::NothingLeft => eprintln!("sun: the probe shows no more than the sky; no disc"),
+    }
 }
 
 /// The camera's picture as a lat-long map in the world. What the lens does not show takes its patch's mean.

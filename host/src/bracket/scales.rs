@@ -1,0 +1,99 @@
+//! Exposures that are not what they are said to be: each frame's brightness against its neighbours'.
+//!
+//! Of neighbouring exposures the median ratio of radiances over pixels that both measure well is 1, whatever moves in the
+//! scene. A curve that is off makes all ratios drift alike; a frame whose exposure was misreported is off alone, in one
+//! direction from its shorter neighbour and back to its longer one.
+
+use super::tables::Fact;
+
+/// Fractions that count as well measured.
+const LOWEST: f32 = 0.01;
+const HIGHEST: f32 = 0.9;
+/// Ratios a link between two frames needs.
+const FEWEST: usize = 48;
+/// Log ratio up to which a frame agrees with most others, and from which it is corrected.
+const AGREES: f32 = 0.05;
+const DISAGREES: f32 = 0.1;
+
+/// Gathers ratios; its buffers are kept.
+#[derive(Clone, Debug, Default)]
+pub(super) struct ScaleGauge {
+    ratios: Vec<f32>,
+    /// Log radiance of each frame over that of the next shorter one; NaN where too little is seen in both.
+    links: Vec<f32>,
+    offsets: Vec<f32>,
+    scratch: Vec<f32>,
+}
+
+fn median(values: &mut [f32]) -> f32 {
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f32::total_cmp).1 }
+}
+
+impl ScaleGauge {
+    pub fn clear(&mut self) {
+        self.ratios.clear();
+        self.links.clear();
+    }
+
+    /// Takes a pixel's channel in a shorter and a longer exposure of ratio `r` (short over long).
+    pub fn take(&mut self, short: &Fact, long: &Fact, r: f32) {
+        let measured = |fact: &Fact| (LOWEST..HIGHEST).contains(&fact.fraction);
+        let fine = |fact: &Fact| fact.width < (0.1 * fact.fraction).powi(2);
+        if measured(short) && measured(long) && fine(short) && fine(long) {
+            self.ratios.push((long.fraction * r / short.fraction).ln());
+        }
+    }
+
+    /// Ends a pair of neighbouring exposures.
+    pub fn end_pair(&mut self) {
+        let link = if self.ratios.len() < FEWEST { f32::NAN } else { median(&mut self.ratios) };
+        self.links.push(link);
+        self.ratios.clear();
+    }
+
+    /// The usual log ratio of neighbours: what a wrong response curve or time unit shows as.
+    pub fn drift(&mut self) -> f32 {
+        self.scratch.clear();
+        self.scratch.extend(self.links.iter().filter(|link| !link.is_nan()));
+        median(&mut self.scratch)
+    }
+
+    /// True exposure over the stated one per frame, in rising exposure, one more than pairs: 1 unless a frame stands out.
+    pub fn factors(&mut self, into: &mut Vec<f64>) {
+        // Two links cannot tell a drift from a frame that stands out.
+        let drift = if self.links.len() > 2 { self.drift() } else { 0.0 };
+        into.clear();
+        into.resize(self.links.len() + 1, 1.0);
+        let mut first = 0;
+        while first < into.len() {
+            // A run of frames that are linked to each other.
+            let links = self.links[first..].iter().take_while(|link| !link.is_nan()).count();
+            self.judge(first, links, drift, into);
+            first += links + 1;
+        }
+    }
+
+    fn judge(&mut self, first: usize, links: usize, drift: f32, into: &mut [f64]) {
+        if links < 2 {
+            return;
+        }
+        self.offsets.clear();
+        self.offsets.push(0.0);
+        for link in &self.links[first..first + links] {
+            let before = self.offsets.last().copied().unwrap_or(0.0);
+            self.offsets.push(before + link - drift);
+        }
+        self.scratch.clone_from(&self.offsets);
+        let middle = median(&mut self.scratch);
+        let agreeing = self.offsets.iter().filter(|&&offset| (offset - middle).abs() < AGREES).count();
+        if 2 * agreeing <= links + 1 {
+            return;
+        }
+        for (at, offset) in self.offsets.iter().enumerate() {
+            if (offset - middle).abs() > DISAGREES {
+                into[first + at] = f64::from((offset - middle).exp());
+            }
+        }
+    }
+}
