@@ -1,5 +1,7 @@
 //! What the sky camera sees to weights: every valid pixel's solid angle counts once, the rest is filled and counted.
 //!
+//! - What vignetting took is given back, and the camera's colours become Rec.709; pixels that the lens's mask leaves out are
+//!   no sky.
 //! - A pixel's solid angle goes to the patches its 2x2 sub-samples fall in; the lens's exact Jacobian gives its size.
 //! - Patches of which less than a quarter was seen are filled from a smooth sky (real spherical harmonics up to order 2,
 //!   least squares over the seen patches).
@@ -8,13 +10,17 @@
 //!   lower quartile of measured over modelled patch luminance (clouds are brighter than the clear sky behind them).
 //! - The lower hemisphere, which the camera does not see, is ground albedo x horizontal irradiance / pi.
 
+mod intake;
+
 use crate::bracket::{Merged, PixelState};
+use crate::colour::CameraColour;
 use crate::lens::Lens;
 use crate::map::luminance;
 use crate::skymodel::{Atmosphere, SkyModel, clear_beam};
 use crate::split::{MIN_DISC_CONTRAST, MIN_IRRADIANCE_SHARE, SUN_RADIUS_DEG};
 use crate::sun::{SunPosition, dir_world};
 use crate::weights::{PatchWeights, SunWeight, sun_solid_angle_sr};
+use intake::Intake;
 use relume_firmware::patches::PatchSet;
 
 /// Share of a patch that must have been seen.
@@ -112,7 +118,8 @@ pub struct Capture {
     size: (usize, usize),
     shares: Vec<Share>,
     pixels: Vec<SkyPixel>,
-    /// Scratch: radiance per picture pixel in the weights' unit.
+    intake: Intake,
+    /// Scratch: Rec.709 radiance per picture pixel in the weights' unit.
     sky: Vec<[f32; 3]>,
 }
 
@@ -127,7 +134,8 @@ struct SunSpot {
 }
 
 impl Capture {
-    /// Prepares a lens, a picture size and a patch set; `mask` (row by row) is false where a pixel is no sky.
+    /// Prepares a lens, a picture size and a patch set; `mask` (row by row) is false where a pixel is no sky, besides those
+    /// that the lens's own mask leaves out.
     ///
     /// # Errors
     /// [`CaptureError`] where lens and picture do not fit or nothing of the sky is seen.
@@ -145,7 +153,8 @@ impl Capture {
         }
         let (mut shares, mut pixels) = (Vec::new(), Vec::new());
         for pixel in 0..width * height {
-            if mask.is_some_and(|mask| !mask.get(pixel).copied().unwrap_or(false)) {
+            let left_out = mask.is_some_and(|mask| !mask.get(pixel).copied().unwrap_or(false));
+            if left_out || lens.mask().is_some_and(|mask| !mask.is_sky(pixel)) {
                 continue;
             }
             let omega = add_shares(lens, [(pixel % width) as f64, (pixel / width) as f64], pixel, &set, &mut shares);
@@ -157,7 +166,13 @@ impl Capture {
         if pixels.is_empty() {
             return Err(CaptureError::NoSky);
         }
-        Ok(Capture { set, settings, size: (width, height), shares, pixels, sky: Vec::new() })
+        let intake = Intake::new(lens, (width, height));
+        Ok(Capture { set, settings, size: (width, height), shares, pixels, intake, sky: Vec::new() })
+    }
+
+    /// Sets how the camera's colours become Rec.709; at first they count as such.
+    pub fn set_colour(&mut self, colour: &CameraColour) {
+        self.intake.set_colour(colour);
     }
 
     /// Sets the radiance of one full-well fraction per second.
@@ -174,9 +189,7 @@ impl Capture {
             let (lens_width, lens_height) = self.size;
             return Err(CaptureError::Size { lens_width, lens_height, width: merged.width, height: merged.height });
         }
-        let scale = self.settings.radiance_scale as f32;
-        self.sky.clear();
-        self.sky.extend(merged.radiance.iter().map(|rgb| rgb.map(|v| v * scale)));
+        self.intake.take(merged, self.settings.radiance_scale as f32, &mut self.sky);
         let is_clipped = |p: &SkyPixel| merged.state[p.pixel as usize] == PixelState::Clipped;
         let mut clipped_pixels = self.pixels.iter().filter(|p| is_clipped(p)).count();
         let up = sun.filter(|position| luminance(clear_beam(position.altitude_deg as f32, 3.0)) > 0.0);
@@ -198,6 +211,17 @@ impl Capture {
         let ground = std::array::from_fn(|k| albedo[k] * (irradiance[k] / std::f64::consts::PI) as f32);
         weights.radiance[self.set.upper()..].fill(ground);
         Ok(Captured { weights, sun_source, filled_patches, clipped_pixels })
+    }
+
+    /// Radiance that the newest picture showed towards a direction, in the weights' unit and without the sun; none where no sky
+    /// was seen.
+    pub fn radiance_towards(&self, lens: &Lens, dir_world: [f32; 3]) -> Option<[f32; 3]> {
+        let [x, y] = lens.project(dir_world.map(f64::from))?;
+        let (width, height) = self.size;
+        let inside = (0.0..width as f64).contains(&x) && (0.0..height as f64).contains(&y);
+        let pixel = y.max(0.0) as usize * width + x.max(0.0) as usize;
+        let is_sky = inside && lens.mask().is_none_or(|mask| mask.is_sky(pixel));
+        is_sky.then(|| self.sky.get(pixel).copied()).flatten()
     }
 
     /// What stands above the in-painted sky within 1 degree of the sun (one and a half pixels if these are larger).
@@ -254,8 +278,9 @@ impl Capture {
             seen[usize::from(share.patch)] += omega;
         }
         let enough = |p: usize| seen[p] >= SEEN_SHARE * f64::from(self.set.solid_angle_sr(p));
-        let mut radiance: Vec<[f32; 3]> =
-            (0..count).map(|p| if seen[p] > 0.0 { sums[p].map(|v| (v / seen[p]) as f32) } else { [0.0; 3] }).collect();
+        let mut radiance: Vec<[f32; 3]> = (0..count)
+            .map(|p| if seen[p] > 0.0 { sums[p].map(|v| (v / seen[p]).max(0.0) as f32) } else { [0.0; 3] })
+            .collect();
         let missing: Vec<usize> = (0..self.set.upper()).filter(|&p| !enough(p)).collect();
         if !missing.is_empty() {
             let known: Vec<usize> = (0..self.set.upper()).filter(|&p| enough(p)).collect();

@@ -7,6 +7,7 @@ use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
 use crate::camera::{Camera, CameraError, Exposure, Frame, take_series};
 use crate::capture::{self, Capture, CaptureSettings};
 use crate::clock::Moment;
+use crate::colour::CameraColour;
 use crate::config::{Config, SkyKind};
 use crate::lens::Lens;
 use crate::response::Response;
@@ -39,13 +40,14 @@ pub struct CapturedSky {
 }
 
 impl CapturedSky {
-    /// Reads the files of lens and response, without a camera.
+    /// Reads the files of lens, response and colours, without a camera.
     ///
     /// # Errors
     /// What is wrong with them, in one line.
     pub fn check_files(config: &Config) -> anyhow::Result<()> {
         config.camera.lens.as_ref().map(|path| Lens::load(path)).transpose()?;
         config.camera.response.as_ref().map(|path| Response::load(path)).transpose()?;
+        config.camera.colour.as_ref().map(|path| CameraColour::load(path)).transpose()?;
         Ok(())
     }
 
@@ -87,10 +89,14 @@ impl CapturedSky {
             turbidity: config.weather.turbidity as f32,
             north_deg,
         };
+        let mut capture = Capture::new(&lens, (limits.width, limits.height), patches, settings, None)?;
+        if let Some(path) = &config.camera.colour {
+            capture.set_colour(&CameraColour::load(path)?);
+        }
         Ok(CapturedSky {
             planner: Planner::new(limits, SERIES),
             merger: Merger::new(MergeSettings { response: response(config, &device)?, ..MergeSettings::default() }),
-            capture: Capture::new(&lens, (limits.width, limits.height), patches, settings, None)?,
+            capture,
             place: config.site.map(|site| site.place),
             frames: Vec::new(),
             merged: Merged::default(),
