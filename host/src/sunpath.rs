@@ -122,17 +122,18 @@ pub fn fit(sightings: &[Sighting], nominal: &LensFile) -> Result<PathFit, PathEr
     let (start, explained) = pairing::best(&usable, nominal);
     // A quarter of the frames: half of a day may be clouded, and lamps or reflections outshine the sun in some.
     let needed = MIN_SIGHTINGS.max(usable.len() / 4);
-    let fitted = start.filter(|_| explained >= needed).and_then(|start| fit::refine(&usable, &start, nominal));
-    if let Some(mut fitted) = fitted.filter(|fitted| fitted.found.len() >= needed) {
-        fitted.without_spot = sightings.len() - usable.len();
-        return Ok(fitted);
-    }
     let mirrored: Vec<Sighting> = usable.iter().map(|sighting| mirrored(sighting, nominal)).collect();
     let (_, in_mirror) = pairing::best(&mirrored.iter().collect::<Vec<_>>(), nominal);
-    if in_mirror >= needed && in_mirror > 2 * explained {
+    // Short paths look alike in a mirror, and whole ones leave some frames that fit it, too.
+    if in_mirror >= needed && 2 * in_mirror > 3 * explained {
         return Err(PathError::Mirrored);
     }
-    Err(PathError::NoPath { best: explained, of: usable.len() })
+    let fitted = start.filter(|_| explained >= needed).and_then(|start| fit::refine(&usable, &start, nominal));
+    let Some(mut fitted) = fitted.filter(|fitted| fitted.found.len() >= needed) else {
+        return Err(PathError::NoPath { best: explained, of: usable.len() });
+    };
+    fitted.without_spot = sightings.len() - usable.len();
+    Ok(fitted)
 }
 
 fn mirrored(sighting: &Sighting, nominal: &LensFile) -> Sighting {

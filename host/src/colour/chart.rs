@@ -34,6 +34,8 @@ const GREY_CHROMA: f64 = 4.0;
 const GREY_LIGHTNESS: f64 = 30.0;
 /// Code / max from which a pixel counts as clipped.
 const CLIP: f64 = 250.0 / 255.0;
+/// Turns of white balance and matrix.
+const TURNS: usize = 4;
 /// Patches that the six numbers of a matrix need, the grey ones not counted.
 const MIN_COLOURED: usize = 6;
 
@@ -190,16 +192,22 @@ struct Balanced {
 /// [`ChartError`] without grey patches or with too few coloured ones.
 pub fn fit(samples: &[Sample], light_k: f64) -> Result<ChartFit, ChartError> {
     let white = daylight(light_k);
-    let camera_white = camera_white(samples)?;
-    let balanced: Vec<Balanced> = samples
-        .iter()
-        .map(|s| Balanced {
-            camera: std::array::from_fn(|k| s.camera[k] / camera_white[k]),
-            xyz: adapt(s.xyz_d50, D50, white),
-        })
-        .collect();
-    let all: Vec<&Balanced> = balanced.iter().collect();
-    let matrix = matrix(&all, white).ok_or(ChartError::NoFit)?;
+    let (greys, coloured) = greys(samples);
+    if greys.is_empty() {
+        return Err(ChartError::NoGrey);
+    }
+    if coloured < MIN_COLOURED {
+        return Err(ChartError::TooFew(coloured));
+    }
+    // Grey patches are not quite grey: what the camera makes of their tint follows from the matrix of the turn before.
+    let mut matrix = from_free(&IDENTITY, white);
+    let mut balanced = Vec::new();
+    let mut camera_white = [1.0; 3];
+    for _ in 0..TURNS {
+        camera_white = self::camera_white(&greys, &matrix, white).ok_or(ChartError::NoFit)?;
+        balanced = samples.iter().map(|sample| sample.balanced(camera_white, white)).collect();
+        matrix = self::matrix(&balanced.iter().collect::<Vec<_>>(), white).ok_or(ChartError::NoFit)?;
+    }
     let differences = |matrix: &[Triple; 3]| balanced.iter().map(|b| difference(b, matrix, white)).collect();
     let left_out = (0..balanced.len()).map(|index| {
         let others: Vec<&Balanced> = balanced.iter().enumerate().filter(|(i, _)| *i != index).map(|(_, b)| b).collect();
@@ -213,21 +221,29 @@ pub fn fit(samples: &[Sample], light_k: f64) -> Result<ChartFit, ChartError> {
     })
 }
 
-/// The camera's colour of a perfect white in the chart's light, from the grey patches, by least squares.
-fn camera_white(samples: &[Sample]) -> Result<Triple, ChartError> {
-    let is_grey = |s: &&Sample| {
-        let [l, a, b] = lab(s.xyz_d50, D50);
-        a.hypot(b) < GREY_CHROMA && l > GREY_LIGHTNESS
-    };
-    let grey: Vec<&Sample> = samples.iter().filter(is_grey).collect();
-    if grey.is_empty() {
-        return Err(ChartError::NoGrey);
+impl Sample {
+    fn balanced(&self, camera_white: Triple, white: Triple) -> Balanced {
+        let camera = std::array::from_fn(|k| self.camera[k] / camera_white[k]);
+        Balanced { camera, xyz: adapt(self.xyz_d50, D50, white) }
     }
-    if samples.len() - grey.len() < MIN_COLOURED {
-        return Err(ChartError::TooFew(samples.len() - grey.len()));
-    }
-    let square: f64 = grey.iter().map(|s| s.xyz_d50[1].powi(2)).sum();
-    Ok(std::array::from_fn(|k| grey.iter().map(|s| s.camera[k] * s.xyz_d50[1]).sum::<f64>() / square))
+}
+
+/// The grey patches, and how many are coloured.
+fn greys(samples: &[Sample]) -> (Vec<&Sample>, usize) {
+    let lab_of = |s: &Sample| lab(s.xyz_d50, D50);
+    let is_coloured = |s: &&Sample| lab_of(s)[1].hypot(lab_of(s)[2]) >= GREY_CHROMA;
+    let (coloured, greys): (Vec<&Sample>, Vec<&Sample>) = samples.iter().partition(is_coloured);
+    (greys.into_iter().filter(|s| lab_of(s)[0] > GREY_LIGHTNESS).collect(), coloured.len())
+}
+
+/// The camera's colour of a perfect white in the chart's light, from the grey patches, by least squares; `matrix` takes balanced
+/// camera colours to Rec.709.
+fn camera_white(greys: &[&Sample], matrix: &[Triple; 3], white: Triple) -> Option<Triple> {
+    let tint = |s: &&Sample| solve(matrix, apply(&REC709_OF_XYZ, adapt(s.xyz_d50, D50, white)));
+    let tints: Vec<Triple> = greys.iter().map(tint).collect::<Option<_>>()?;
+    let sum =
+        |k: usize, of: &dyn Fn(&Sample, f64) -> f64| greys.iter().zip(&tints).map(|(s, t)| of(s, t[k])).sum::<f64>();
+    Some(std::array::from_fn(|k| sum(k, &|s, tint| s.camera[k] * tint) / sum(k, &|_, tint| tint * tint)))
 }
 
 /// The six free numbers of a matrix that leaves red, green and blue as they are.

@@ -35,7 +35,7 @@ fn spaces_agree_with_published_values() {
     let white = apply(&XYZ_OF_REC709, [1.0; 3]);
     assert!((0..3).all(|k| (white[k] - D65[k]).abs() < 1e-6), "{white:?}");
     let [x, y, z] = daylight(6504.0);
-    assert!((x / (x + y + z) - 0.3127).abs() < 1e-4 && (y / (x + y + z) - 0.3290).abs() < 1e-4);
+    assert!((x / (x + y + z) - 0.3127).abs() < 2e-4 && (y / (x + y + z) - 0.3290).abs() < 2e-4);
     // sRGB red is L*a*b* 54.29, 80.80, 69.89 under D50 (ICC's sRGB profile, Lindbloom's calculator).
     let red = lab(adapt(apply(&XYZ_OF_REC709, [1.0, 0.0, 0.0]), D65, D50), D50);
     assert!((0..3).all(|k| (red[k] - [54.29, 80.80, 69.89][k]).abs() < 0.05), "{red:?}");
@@ -48,15 +48,14 @@ fn a_known_matrix_comes_back_whatever_daylight_the_chart_stood_in() {
     for light_k in [5000.0, 6504.0, 9000.0] {
         let fitted = fit(&samples(light_k, 0.7), light_k).unwrap();
         let worst = fitted.fitted.iter().copied().fold(0.0, f64::max);
-        // The published greys are not quite grey: binding white to them costs a little.
-        assert!(worst < 1.0, "{light_k}: {:?}", fitted.fitted);
+        assert!(worst < 0.05, "{light_k}: {:?}", fitted.fitted);
         assert!(fitted.balanced_only.iter().copied().fold(0.0, f64::max) > 5.0, "{:?}", fitted.balanced_only);
         // The white of D65 comes out grey with its green kept.
         let camera = apply(&CAMERA_OF_REC709, [0.5; 3]);
         let [r, g, b] = fitted.colour.to_rec709().map(|row| (0..3).map(|k| f64::from(row[k]) * camera[k]).sum::<f64>());
         let green = camera[1];
         assert!(
-            (g / green - 1.0).abs() < 0.01 && (r / g - 1.0).abs() < 0.01 && (b / g - 1.0).abs() < 0.01,
+            (g / green - 1.0).abs() < 1e-3 && (r / g - 1.0).abs() < 1e-3 && (b / g - 1.0).abs() < 1e-3,
             "{light_k}: {r} {g} {b}"
         );
     }
@@ -137,7 +136,10 @@ fn a_file_comes_back_and_bad_ones_name_the_field() {
     let path = folder.path().join("camera.json");
     let colour = fit(&samples(6504.0, 0.7), 6504.0).unwrap().colour;
     colour.save(&path).unwrap();
-    assert_eq!(CameraColour::load(&path).unwrap(), colour);
+    let back = CameraColour::load(&path).unwrap();
+    let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
+    assert!((0..9).all(|i| near(back.matrix[i / 3][i % 3], colour.matrix[i / 3][i % 3])), "{back:?}");
+    assert!((0..3).all(|k| near(back.white_balance[k], colour.white_balance[k])), "{back:?}");
     for (text, part) in [
         (r#"{"white_balance":[1,1,0],"matrix":[[1,0,0],[0,1,0],[0,0,1]]}"#, "white_balance"),
         (r#"{"white_balance":[1,1,1],"matrix":[[1,0,0],[0,1,0],[0,0,2]]}"#, "sum to 1"),

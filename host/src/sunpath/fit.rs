@@ -14,6 +14,8 @@ const SHRINK: f64 = 0.6;
 /// Last gate: this many standard deviations of the spots, but not less than so many pixels.
 const GATE_DEVIATIONS: f64 = 4.0;
 const LEAST_GATE_PX: f64 = 1.0;
+/// Centroids of discs a few pixels wide are hardly better than this, pixels.
+const LEAST_DEVIATION_PX: f64 = 0.15;
 /// A parameter that keeps more than this share of its spread is not told by the path.
 const UNTOLD: f64 = 0.5;
 /// Cauchy's loss: at this many standard deviations a spot counts half (95 % efficiency for normal errors, Holland & Welsch 1977).
@@ -50,15 +52,18 @@ fn offsets(lens: &Lens, picks: &[Pick<'_>]) -> Option<Vec<[f64; 2]>> {
     picks.iter().map(offset).collect()
 }
 
-/// Standard deviation per axis from the median distance (Rayleigh's median is 1.1774 of it).
-fn deviation(offsets: &[[f64; 2]]) -> f64 {
+/// Standard deviation per axis from the median distance (Rayleigh's median is 1.1774 of it), of spots that `parameters` numbers
+/// were fitted to.
+fn deviation(offsets: &[[f64; 2]], parameters: usize) -> f64 {
     let mut distances: Vec<f64> = offsets.iter().map(|[x, y]| x.hypot(*y)).collect();
     let middle = distances.len() / 2;
     if distances.is_empty() {
-        return 0.0;
+        return LEAST_DEVIATION_PX;
     }
     let (_, &mut median, _) = distances.select_nth_unstable_by(middle, f64::total_cmp);
-    (median / 1.1774).max(0.02)
+    let numbers = 2.0 * offsets.len() as f64;
+    let freed = numbers / (numbers - parameters as f64).max(1.0);
+    (median / 1.1774 * freed.sqrt()).max(LEAST_DEVIATION_PX)
 }
 
 /// What is being fitted: nominal values, the lens so far, and which parameters move.
@@ -73,7 +78,7 @@ impl Fit<'_> {
     fn run(&mut self, picks: &[Pick<'_>]) -> Option<Solution> {
         let base = self.now.clone();
         let before = offsets(&parameters::lens(&base)?, picks)?;
-        let sigma = deviation(&before);
+        let sigma = deviation(&before, self.active.len());
         let root_weights: Vec<f64> = before
             .iter()
             .map(|[x, y]| 1.0 / (sigma * (1.0 + (x.hypot(*y) / (CAUCHY * sigma)).powi(2)).sqrt()))
@@ -130,7 +135,7 @@ impl Fit<'_> {
                 return None;
             }
             let solution = self.run(&picked)?;
-            let sigma = deviation(&offsets(&parameters::lens(&self.now)?, &picked)?);
+            let sigma = deviation(&offsets(&parameters::lens(&self.now)?, &picked)?, self.active.len());
             gate = (gate * SHRINK).max(GATE_DEVIATIONS * sigma).max(LEAST_GATE_PX);
             last = Some((solution, picked));
         }

@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn the_brighter_of_two_comes_first() {
-        let (sun, ghost) = (disc(20.0, 20.0, 2.0, 1.0), disc(45.0, 40.0, 1.0, 0.95));
+        let (sun, ghost) = (disc(20.0, 20.0, 2.0, 1.0), disc(45.5, 40.5, 1.4, 0.95));
         let spots = find(&frame(|x, y| sun(x, y).max(ghost(x, y))));
         assert_eq!(spots.len(), 2);
         assert!((spots[0].position_px[0] - 20.0).abs() < 0.1 && spots[0].light > spots[1].light);

@@ -8,7 +8,7 @@ use crate::failure::{Failure, OrFail};
 use crate::outfile::check_writable;
 use crate::response::Response;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Daylight of the white of Rec.709, kelvin.
 const D65_K: f64 = 6504.0;
@@ -107,7 +107,7 @@ fn summary(fitted: &ChartFit, light_k: f64) -> Summary {
 fn text(said: &Summary, fitted: &ChartFit, options: &Options) -> String {
     let light = if options.light_k.is_some() { "" } else { ", assumed: give --light KELVIN for another" };
     let response = match &options.response {
-        Some(path) => format!("linearised by {}", name(path)),
+        Some(path) => format!("linearised by {}", path.display()),
         None => "taken for linear: give --response CURVE.csv for another camera".into(),
     };
     format!(
@@ -126,6 +126,5 @@ fn text(said: &Summary, fitted: &ChartFit, options: &Options) -> String {
     )
 }
 
-fn name(path: &Path) -> std::path::Display<'_> {
-    path.display()
-}
+#[cfg(test)]
+mod tests;

@@ -242,3 +242,6 @@ fn obstacles(list: &[(Recorded, SunPosition)], lens: &Lens, response: &Response)
     each_light(&some, lens, response, |light| finder.add(light))?;
     Ok(finder.propose())
 }
+
+#[cfg(test)]
+mod tests;
