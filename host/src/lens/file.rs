@@ -80,23 +80,8 @@ impl LensFile {
     /// [`LensError::Value`], naming the field.
     pub fn lens(&self, name: &str) -> Result<Lens, LensError> {
         let bad = |field, what: &str| Err(LensError::Value { name: name.into(), field, what: what.into() });
-        if !(self.focal_px.is_finite() && self.focal_px > 0.0) {
-            return bad("focal_px", "must be a positive number of pixels");
-        }
-        if !self.center_px.iter().all(|c| c.is_finite()) {
-            return bad("center_px", "must be two finite numbers");
-        }
-        if !self.k.iter().all(|k| k.is_finite()) {
-            return bad("k", "must be four finite numbers");
-        }
-        if self.model != LensModel::KannalaBrandt && self.k != [0.0; 4] {
-            return bad("k", "only kannala_brandt has coefficients; leave k out");
-        }
-        if self.width.is_some() != self.height.is_some() || self.width == Some(0) || self.height == Some(0) {
-            return bad("width", "give width and height together, both above 0");
-        }
-        if !is_rotation(&self.camera_to_world) {
-            return bad("camera_to_world", "must be a rotation: rows orthonormal within 1e-3, determinant +1");
+        if let Some((field, what)) = self.fault() {
+            return bad(field, what);
         }
         let mut lens = Lens {
             model: self.model,
@@ -125,6 +110,28 @@ impl LensFile {
             );
         }
         Ok(lens)
+    }
+
+    /// The first field whose value makes no lens, and what to do.
+    fn fault(&self) -> Option<(&'static str, &'static str)> {
+        let finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
+        if !(self.focal_px.is_finite() && self.focal_px > 0.0) {
+            return Some(("focal_px", "must be a positive number of pixels"));
+        }
+        if !finite(&self.center_px) {
+            return Some(("center_px", "must be two finite numbers"));
+        }
+        if !finite(&self.k) {
+            return Some(("k", "must be four finite numbers"));
+        }
+        if self.model != LensModel::KannalaBrandt && self.k != [0.0; 4] {
+            return Some(("k", "only kannala_brandt has coefficients; leave k out"));
+        }
+        if self.width.is_some() != self.height.is_some() || self.width == Some(0) || self.height == Some(0) {
+            return Some(("width", "give width and height together, both above 0"));
+        }
+        (!is_rotation(&self.camera_to_world))
+            .then_some(("camera_to_world", "must be a rotation: rows orthonormal within 1e-3, determinant +1"))
     }
 
     /// Writes the file, whole.

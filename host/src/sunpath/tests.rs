@@ -119,49 +119,22 @@ const EQUINOX: &[&str] = &["2026-03-20", "2026-03-21"];
 const SUMMER: &[&str] = &["2026-06-20", "2026-06-21"];
 const WINTER: &[&str] = &["2026-12-20", "2026-12-21"];
 
+#[rustfmt::skip]
 fn scenes() -> [(&'static str, Scene); 7] {
     use LensModel::{Equidistant, Equisolid, KannalaBrandt};
-    let scene = |model, k, focal_px, center_px, turned_deg, latitude_deg, days, seed| Scene {
-        model,
-        k,
-        focal_px,
-        center_px,
-        turned_deg,
-        latitude_deg,
-        days,
-        seed,
+    let scene = |model, k, focal_px, center_px, turned_deg, latitude_deg, days, seed| {
+        Scene { model, k, focal_px, center_px, turned_deg, latitude_deg, days, seed }
     };
     let no = [0.0; 4];
     let bent = [-0.045, 0.008, -0.003, 0.0];
     [
-        (
-            "equidistant, level, 48 N, June",
-            scene(Equidistant, no, 198.0, [323.1, 315.8], [0.0, 8.0, 0.0], 48.0, SUMMER, 11),
-        ),
-        (
-            "equisolid, turned 140, 41 N, March",
-            scene(Equisolid, no, 215.0, [312.0, 326.5], [2.0, 140.0, -3.0], 41.0, EQUINOX, 12),
-        ),
-        (
-            "kannala_brandt, tilted 20, 48 N, June",
-            scene(KannalaBrandt, bent, 205.0, [325.0, 317.0], [18.0, 30.0, 9.0], 48.0, SUMMER, 13),
-        ),
-        (
-            "kannala_brandt, level, 5 S, March",
-            scene(KannalaBrandt, bent, 205.0, [318.0, 327.0], [1.0, -60.0, 1.0], -5.0, EQUINOX, 14),
-        ),
-        (
-            "equidistant, tilted 35, 35 S, June",
-            scene(Equidistant, no, 190.0, [320.0, 320.0], [-33.0, 10.0, 12.0], -35.0, SUMMER, 15),
-        ),
-        (
-            "equisolid, level, 62 N, June",
-            scene(Equisolid, no, 220.0, [329.0, 311.0], [0.5, 200.0, 0.4], 62.0, SUMMER, 16),
-        ),
-        (
-            "equidistant, level, 48 N, December",
-            scene(Equidistant, no, 198.0, [323.1, 315.8], [1.0, 8.0, 0.0], 48.0, WINTER, 17),
-        ),
+        ("equidistant, level, 48 N, June", scene(Equidistant, no, 198.0, [323.1, 315.8], [0.0, 8.0, 0.0], 48.0, SUMMER, 11)),
+        ("equisolid, turned 140, 41 N, March", scene(Equisolid, no, 215.0, [312.0, 326.5], [2.0, 140.0, -3.0], 41.0, EQUINOX, 12)),
+        ("kannala_brandt, tilted 20, 48 N, June", scene(KannalaBrandt, bent, 205.0, [325.0, 317.0], [18.0, 30.0, 9.0], 48.0, SUMMER, 13)),
+        ("kannala_brandt, level, 5 S, March", scene(KannalaBrandt, bent, 205.0, [318.0, 327.0], [1.0, -60.0, 1.0], -5.0, EQUINOX, 14)),
+        ("equidistant, tilted 35, 35 S, June", scene(Equidistant, no, 190.0, [320.0, 320.0], [-33.0, 10.0, 12.0], -35.0, SUMMER, 15)),
+        ("equisolid, level, 62 N, June", scene(Equisolid, no, 220.0, [329.0, 311.0], [0.5, 200.0, 0.4], 62.0, SUMMER, 16)),
+        ("equidistant, level, 48 N, December", scene(Equidistant, no, 198.0, [323.1, 315.8], [1.0, 8.0, 0.0], 48.0, WINTER, 17)),
     ]
 }
 
@@ -182,7 +155,8 @@ fn lenses_come_back_at_any_tilt_latitude_and_season() {
             fit.worst_sky_error_deg,
             fit.held
         );
-        assert!(rms_px < 0.55, "{name}: {rms_px}");
+        // The spots' own noise is 0.35 pixels per axis, 0.49 together.
+        assert!(rms_px < 0.55 && sky < 0.1, "{name}: {rms_px} px, {sky} degrees");
         assert!(sky < 4.0 * fit.sky_error_deg + 0.01 && turn < 4.0 * fit.orientation_error_deg + 0.01, "{name}");
     }
 }

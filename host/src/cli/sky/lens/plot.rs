@@ -9,7 +9,7 @@ use embedded_graphics::prelude::{Drawable, Point, Primitive};
 use embedded_graphics::primitives::{Circle, PrimitiveStyle};
 use embedded_graphics::text::{Alignment, Baseline, Text, TextStyleBuilder};
 
-const HORIZON: Rgb888 = Rgb888::new(0x56, 0xb4, 0xe9);
+const HORIZON: Rgb888 = Rgb888::new(0x9c, 0xdc, 0xff);
 const SEEN: Rgb888 = Rgb888::new(0xe6, 0x9f, 0x00);
 const EXPECTED: Rgb888 = Rgb888::new(0x00, 0xe0, 0x9e);
 /// The picture is shown about this wide, pixels.
@@ -51,14 +51,13 @@ pub(super) fn draw(fit: &PathFit, brightest: &[u8], (width, height): (usize, usi
     whole
 }
 
-/// The picture at the plot's size, lifted so that the dark parts of short exposures show.
+/// The picture at the plot's size, dimmed so that marks show.
 fn background(brightest: &[u8], (width, height): (usize, usize), (columns, rows): (u32, u32)) -> Canvas {
-    let lifted = |code: u8| (255.0 * (f64::from(code) / 255.0).sqrt()) as u8;
     let pixel = |index: u32| {
         let (x, y) = (index % columns, index / columns);
         let (col, row) = (x as usize * width / columns as usize, y as usize * height / rows as usize);
         let from = 3 * (row.min(height - 1) * width + col.min(width - 1));
-        let code = |k: usize| lifted(brightest.get(from + k).copied().unwrap_or(0));
+        let code = |k: usize| brightest.get(from + k).map_or(0, |&code| (u16::from(code) * 2 / 3) as u8);
         u32::from_be_bytes([0, code(0), code(1), code(2)])
     };
     Canvas::from_xrgb(columns, rows, &(0..columns * rows).map(pixel).collect::<Vec<_>>())
