@@ -75,7 +75,7 @@ fn shoot(camera: &mut SyntheticCamera, time_s: f64, exposure_s: f64, folder: &Pa
     camera.set_time(time_s);
     camera.frame(&mut frame).unwrap();
     let Codes::U8(mut codes) = frame.codes else { panic!("8-bit codes") };
-    if number % 9 == 0 {
+    if number.is_multiple_of(9) {
         let (x, y) = (number * 37 % 300 + 50, number * 91 % 300 + 50);
         (0..9).for_each(|i| codes[3 * ((y + i / 3) * SIZE + x + i % 3)..][..3].fill(255));
     }
@@ -129,7 +129,7 @@ fn scenes() -> [(&'static str, Scene); 3] {
                 latitude_deg: 48.0,
                 days: &["2026-06-12", "2026-06-14"],
                 cloud_cover: 0.35,
-                seed: 501,
+                seed: 3501,
             },
         ),
         (
@@ -141,7 +141,7 @@ fn scenes() -> [(&'static str, Scene); 3] {
                 latitude_deg: 30.0,
                 days: &["2026-02-11", "2026-05-03"],
                 cloud_cover: 0.3,
-                seed: 502,
+                seed: 3502,
             },
         ),
         (
@@ -153,7 +153,7 @@ fn scenes() -> [(&'static str, Scene); 3] {
                 latitude_deg: -37.0,
                 days: &["2026-10-08", "2026-10-20"],
                 cloud_cover: 0.0,
-                seed: 503,
+                seed: 3503,
             },
         ),
     ]
