@@ -1,5 +1,7 @@
 //! What the sky camera sees to weights: every valid pixel's solid angle counts once, the rest is filled and marked.
 //!
+//! - What vignetting took is given back, and the camera's colours become Rec.709; pixels that the lens's mask leaves out are
+//!   no sky.
 //! - A patch's radiance is the mean over its own part of the picture (`capture/shares.rs`).
 //! - What was not seen of a patch is filled from a smooth sky (`smooth.rs`): all of it where less than a quarter was seen,
 //!   else the difference that the smooth sky makes between the patch and its seen part.
@@ -10,10 +12,12 @@
 //! - The lower hemisphere, which the camera does not see, is ground albedo x horizontal irradiance / pi.
 
 mod beam;
+mod intake;
 mod shares;
 mod sunspot;
 
 use crate::bracket::{Merged, PixelState};
+use crate::colour::CameraColour;
 use crate::lens::Lens;
 use crate::map::luminance;
 use crate::skymodel::{Atmosphere, SkyModel, clear_beam};
@@ -22,6 +26,7 @@ use crate::split::{MIN_DISC_CONTRAST, MIN_IRRADIANCE_SHARE};
 use crate::sun::{SunPosition, dir_world};
 use crate::weights::{PatchWeights, SunWeight, sun_solid_angle_sr};
 use beam::Beam;
+use intake::Intake;
 use relume_firmware::patches::PatchSet;
 use shares::Shares;
 use sunspot::SunSpot;
@@ -141,7 +146,8 @@ pub struct Capture {
     filled_share: Vec<f32>,
     filled_patches: usize,
     beam: Beam,
-    /// Scratch: radiance per picture pixel in the weights' unit, sums per patch, ratios to the model.
+    intake: Intake,
+    /// Scratch: Rec.709 radiance per picture pixel in the weights' unit, sums per patch, ratios to the model.
     sky: Vec<[f32; 3]>,
     sums: Vec<[f64; 3]>,
     ratios: Vec<f32>,
@@ -150,7 +156,8 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// Prepares a lens, a picture size and a patch set; `mask` (row by row) is false where a pixel is no sky.
+    /// Prepares a lens, a picture size and a patch set; `mask` (row by row) is false where a pixel is no sky, besides those
+    /// that the lens's own mask leaves out.
     ///
     /// # Errors
     /// [`CaptureError`] where lens and picture do not fit or nothing of the sky is seen.
@@ -182,12 +189,29 @@ impl Capture {
             size: (width, height),
             shares,
             beam: Beam::default(),
+            intake: Intake::new(lens, (width, height)),
             sky: Vec::new(),
             sums: Vec::new(),
             ratios: Vec::new(),
             smooth: SmoothSky::default(),
             spot: SunSpot::default(),
         })
+    }
+
+    /// Sets how the camera's colours become Rec.709; at first they count as such.
+    pub fn set_colour(&mut self, colour: &CameraColour) {
+        self.intake.set_colour(colour);
+    }
+
+    /// Radiance that the newest picture showed towards a direction, in the weights' unit and without the sun; none where no sky
+    /// was seen.
+    pub fn radiance_towards(&self, lens: &Lens, dir_world: [f32; 3]) -> Option<[f32; 3]> {
+        let [x, y] = lens.project(dir_world.map(f64::from))?;
+        let (width, height) = self.size;
+        let inside = (0.0..width as f64).contains(&x) && (0.0..height as f64).contains(&y);
+        let pixel = y.max(0.0) as usize * width + x.max(0.0) as usize;
+        let is_sky = inside && lens.mask().is_none_or(|mask| mask.is_sky(pixel));
+        is_sky.then(|| self.sky.get(pixel).copied()).flatten()
     }
 
     /// Sets the radiance of one full-well fraction per second.
@@ -228,9 +252,7 @@ impl Capture {
             let (lens_width, lens_height) = self.size;
             return Err(CaptureError::Size { lens_width, lens_height, width: merged.width, height: merged.height });
         }
-        let scale = self.settings.radiance_scale as f32;
-        self.sky.clear();
-        self.sky.extend(merged.radiance.iter().map(|rgb| rgb.map(|v| v * scale)));
+        self.intake.take(merged, self.settings.radiance_scale as f32, &mut self.sky);
         let states = merged.state.iter().zip(&self.shares.omegas);
         into.clipped_pixels = states.filter(|(state, omega)| **omega > 0.0 && **state == PixelState::Clipped).count();
         let up = sun.filter(|position| luminance(clear_beam(position.altitude_deg as f32, 3.0)) > 0.0);
@@ -290,7 +312,8 @@ impl Capture {
         let radiance = &mut into.weights.radiance;
         radiance.clear();
         let means = self.sums.iter().zip(&self.shares.seen);
-        radiance.extend(means.map(|(sum, &seen)| sum.map(|v| if seen > 0.0 { (v / seen) as f32 } else { 0.0 })));
+        radiance
+            .extend(means.map(|(sum, &seen)| sum.map(|v| if seen > 0.0 { (v / seen).max(0.0) as f32 } else { 0.0 })));
         if self.filled_share.iter().any(|&share| share > 0.0) {
             self.fill_missing(radiance);
         }

@@ -77,6 +77,8 @@ pub struct Health {
     pub clock: &'static str,
     /// Where the light comes from, as in the post's file.
     pub sky: &'static str,
+    /// How the sky camera's colours are known: `calibrated`, or `taken for Rec.709`; `none` without a camera.
+    pub colour: &'static str,
     /// Where the weights in use come from.
     pub weights: WeightsState,
     /// Seconds since the weights in use were measured, by the post's clock.

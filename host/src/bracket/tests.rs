@@ -1,6 +1,7 @@
 use super::*;
 use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
 use crate::camera::{Exposure, take_series};
+use crate::sun::SunPosition;
 
 fn flat(code: u8, exposure_s: f64) -> Frame {
     let exposure = Exposure { exposure_s, gain: 1.0 };

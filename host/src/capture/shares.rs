@@ -52,12 +52,15 @@ struct Builder<'l> {
 }
 
 impl Shares {
-    /// For a lens, a picture size and a patch set; `mask` is false where a pixel is no sky.
+    /// For a lens, a picture size and a patch set; `mask`, like the lens's own, is false where a pixel is no sky.
     pub fn new(lens: &Lens, (width, height): (usize, usize), set: &PatchSet, mask: Option<&[bool]>) -> Self {
         let corners = corner_patches(lens, (width, height), set);
         let corner = |pixel: usize, k: usize| corners[(pixel / width + k / 2) * (width + 1) + pixel % width + k % 2];
         let corners_of = |pixel: usize| [0, 1, 2, 3].map(|k| corner(pixel, k));
-        let is_open = |pixel: usize| mask.is_none_or(|mask| mask.get(pixel).copied().unwrap_or(false));
+        let is_open = |pixel: usize| {
+            mask.is_none_or(|mask| mask.get(pixel).copied().unwrap_or(false))
+                && lens.mask().is_none_or(|mask| mask.is_sky(pixel))
+        };
         let centre = |pixel: usize| [(pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5];
         let (mut dirs, mut omegas) = (vec![[0.0; 3]; width * height], vec![0.0; width * height]);
         for pixel in (0..width * height).filter(|&pixel| is_open(pixel)) {

@@ -79,6 +79,38 @@ fn masked_parts_are_filled_and_counted() {
 }
 
 #[test]
+fn what_vignetting_took_is_given_back_and_the_lenses_mask_is_kept_to() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("l.json");
+    let mask = crate::lens::mask::SkyMask::from_fn(120, 120, |pixel| pixel % 120 < 90);
+    mask.save(&folder.path().join("m.png")).unwrap();
+    let plain = Lens::zenith_equidistant(120, 120, 184.0).file();
+    let vignetting = [-0.4, 0.1, 0.0];
+    crate::lens::LensFile { vignetting, mask: Some("m.png".into()), ..plain }.save(&path).unwrap();
+    let lens = Lens::load(&path).unwrap();
+    let mut capture = Capture::new(&lens, (120, 120), set(), CaptureSettings::default(), None).unwrap();
+    // An even sky of radiance 1 behind the lens; what the mask hides is far brighter.
+    let mut seen = flat(120, [1.0; 3]);
+    for (pixel, value) in seen.radiance.iter_mut().enumerate() {
+        let at = [(pixel % 120) as f64 + 0.5, (pixel / 120) as f64 + 0.5];
+        let passed = ((at[0] - 60.0).hypot(at[1] - 60.0) / plain_focal() / std::f64::consts::FRAC_PI_2).powi(2);
+        let share = 1.0 + passed * (vignetting[0] + passed * vignetting[1]);
+        *value = if pixel % 120 < 90 { [share as f32; 3] } else { [50.0; 3] };
+    }
+    let found = capture.weights(&seen, None).unwrap();
+    assert!(found.filled_patches > 10, "{}", found.filled_patches);
+    assert!(found.weights.radiance[..256].iter().all(|v| (v[1] - 1.0).abs() < 0.01), "{found:?}");
+    assert_eq!(capture.radiance_towards(&lens, [-0.9, 0.436, 0.0]), None, "masked");
+    let seen = capture.radiance_towards(&lens, [0.9, 0.436, 0.0]).unwrap();
+    assert!((seen[1] - 1.0).abs() < 0.01, "{seen:?}");
+}
+
+/// Pixels per radian of a lens of 184 degrees across 120 pixels.
+fn plain_focal() -> f64 {
+    60.0 / 92f64.to_radians()
+}
+
+#[test]
 fn a_synthetic_series_comes_back_as_the_skys_own_weights() {
     let base = SyntheticSettings { width: 240, height: 240, sun: Some(SUN), ..SyntheticSettings::default() };
     let (found, camera) = capture(base.clone(), &[1e-4, 8e-4, 3.2e-3, 1.28e-2]);

@@ -5,6 +5,7 @@ mod machine;
 use super::args::{Command, post_arguments};
 use crate::camera::replay::ReplayCamera;
 use crate::camera::{Camera, CameraLimits};
+use crate::colour::CameraColour;
 use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind, ViewCamera};
 use crate::display::headless::Headless;
 use crate::failure::Failure;
@@ -171,12 +172,13 @@ fn fitted(found: (usize, usize), size: Option<(usize, usize)>) -> Result<String,
 
 fn sky(config: &Config, table: &mut Table) {
     if let Some(path) = &config.camera.lens {
-        table.add("lens", Lens::load(path).map(|_| ((), format!("{} is a lens", path.display()))));
+        table.add("lens", Lens::load(path).map(|lens| ((), lens_words(&lens, path))));
     }
     if let Some(path) = &config.camera.response {
         let curve = crate::response::Response::load(path);
         table.add("response", curve.map(|_| ((), format!("{} is a response curve", path.display()))));
     }
+    colour(config, table);
     let words = match (config.sky, &config.camera.frames) {
         (SkyKind::Replay, Some(frames)) => {
             let camera = ReplayCamera::open(frames, false);
@@ -200,6 +202,22 @@ fn sky(config: &Config, table: &mut Table) {
         _ => "a simulated camera",
     };
     table.add("sky", Ok::<_, String>(((), words.to_string())));
+}
+
+fn lens_words(lens: &Lens, path: &Path) -> String {
+    let mask = lens.mask().map(|mask| format!("{:.0} % of the picture is sky by its mask", 100.0 * mask.share()));
+    let vignetting = if lens.has_vignetting() { "its vignetting is known" } else { "no vignetting is given" };
+    format!("{} is a lens; {vignetting}; {}", path.display(), mask.unwrap_or_else(|| "no mask".into()))
+}
+
+fn colour(config: &Config, table: &mut Table) {
+    let has_camera = matches!(config.sky, SkyKind::Synthetic | SkyKind::Replay | SkyKind::Camera);
+    let found = match &config.camera.colour {
+        Some(path) => CameraColour::load(path).map(|_| format!("{} tells the camera's colours", path.display())),
+        None if has_camera => Ok("no camera.colour: the camera's colours are taken for Rec.709".into()),
+        None => return,
+    };
+    table.add("colour", found.map(|words| ((), words)));
 }
 
 fn display(config: &Config, picture: (usize, usize)) -> Result<String, Failure> {

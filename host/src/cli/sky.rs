@@ -1,5 +1,7 @@
 //! `relume sky`: from a camera's frames to a radiance map to weights.
 
+mod colour;
+mod lens;
 mod merge;
 mod response;
 mod weights;
@@ -29,27 +31,51 @@ relume sky merge FRAMES_DIR [--response CURVE.csv] [--sensor ELECTRONS,READ] [--
   --lat-long            makes a lat-long map; without a probe a clipped sun is rebuilt from a clear-sky model
   --uncertainty         adds one standard deviation per channel (sigma.R, sigma.G, sigma.B) to the .exr
 
-relume sky weights MAP --field FIELD [--lens LENS.json] [--sun AZ,ALT] [--env-rot DEG] [--json] -o W.csv
+relume sky weights MAP --field FIELD [--lens LENS.json] [--sun AZ,ALT] [--colour CAMERA.json] [--env-rot DEG]
+                [--json] -o W.csv
   Weights for the field's patches.
   --lens LENS.json      MAP is a camera's picture, as `sky merge` without --lens gives it; left out, a lat-long map
   --sun AZ,ALT          with --lens: where the sun stands
+  --colour CAMERA.json  with --lens: the camera's colours; Rec.709 if left out
   --env-rot DEG         without --lens: turns the map about +Y
   --json                which patches were filled from a smooth sky, how the sun is known, and how far the weights'
                         horizontal irradiance is off the map's
 
-relume sky lens comes with a later version.
+relume sky lens FRAMES_DIR --site LAT,LON [--model M] [--north DEG] [--response CURVE.csv] [--start LENS.json]
+                [--flat FRAMES_DIR] [--mask MASK.png] [--plot P.png] [--json] -o LENS.json
+  Lens and orientation of the sky camera from the sun's own path: frames over some hours or days with captured_at, of
+  which short exposures are used. Prints residuals and what the path could not tell.
+  --model M             equidistant, equisolid or kannala_brandt (default)
+  --north DEG           where north lies in the scene, degrees from -Z towards +X; default 0
+  --response CURVE.csv  the camera's response; linear if left out
+  --start LENS.json     values for what the sun's path does not tell; default 180 degrees across the smaller side
+  --flat FRAMES_DIR     frames of an evenly lit white surface: measures vignetting
+  --mask MASK.png       writes a proposal of what is sky (white), to be looked at and painted over
+  --plot P.png          the sun's path over the picture, and the residuals
+  A level camera that looks at the zenith with north at the top of the picture has east on the left, and
+  \"camera_to_world\": [[-1,0,0],[0,0,1],[0,1,0]].
+
+relume sky colour CHART_FRAME.png (--chart PATCHES.csv | --corners X,Y,X,Y,X,Y,X,Y) [--response CURVE.csv]
+                [--light KELVIN] [--json] -o CAMERA.json
+  The camera's colours from a photographed chart with grey patches; grey stays grey. Prints delta E 2000.
+  --chart PATCHES.csv   a header x,y,L,a,b (CIE L*a*b*, D50) or x,y,R,G,B (linear Rec.709), a row per patch; x,y pixels
+  --corners ...         a ColorChecker Classic (before November 2014) instead: centres, in pixels, of its corner patches
+                        dark skin, bluish green, black, white
+  --light KELVIN        the daylight that the chart stood in, 4000 to 25000; default 6504
 ",
     act,
 };
 
 fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
-    let task = parser.value().map_err(|_| Failure::bad("sky: name a task: response, merge or weights"))?;
+    let tasks = "response, merge, weights, lens or colour";
+    let task = parser.value().map_err(|_| Failure::bad(format!("sky: name a task: {tasks}")))?;
     match task.to_string_lossy().as_ref() {
         "merge" => merge::act(parser),
         "response" => response::act(parser),
         "weights" => weights::act(parser),
-        task @ "lens" => Err(Failure::bad(format!("sky {task}: comes with a later version"))),
-        other => Err(Failure::bad(format!("sky {other}: unknown task; choose response, merge or weights"))),
+        "lens" => lens::act(parser),
+        "colour" => colour::act(parser),
+        other => Err(Failure::bad(format!("sky {other}: unknown task; choose {tasks}"))),
     }
 }
 

@@ -21,7 +21,7 @@ fn every_command_has_help_that_names_it() {
 fn bad_arguments_are_exit_code_2_in_one_line() {
     fails(&[], 2, &["relume --help"]);
     fails(&["relit"], 2, &["relit", "did you mean relight"]);
-    fails(&["sky", "mix"], 2, &["mix", "merge or weights"]);
+    fails(&["sky", "mix"], 2, &["mix", "merge, weights"]);
     fails(&["sky", "merge"], 2, &["FRAMES_DIR is missing", "relume sky --help"]);
     fails(&["sky", "merge", "none", "-o", "none/a.hdr"], 2, &["none/a.hdr", "does not exist"]);
     fails(&["sky", "merge", "none", "-o", "a.jpg"], 2, &["a.jpg", ".hdr or .exr"]);

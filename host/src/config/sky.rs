@@ -48,6 +48,8 @@ pub struct CameraConfig {
     pub lens: Option<PathBuf>,
     /// Response curve file; linear if none, a simulated camera knows its own.
     pub response: Option<PathBuf>,
+    /// Colour file; the camera's colours count as Rec.709 if none.
+    pub colour: Option<PathBuf>,
     /// What one unit of the merged radiance is multiplied by.
     pub radiance_scale: f64,
     /// The log whose light is shown once more.
@@ -62,6 +64,17 @@ pub struct CameraConfig {
     pub white_balance_k: u32,
     /// Gain at the largest value of a real camera's gain control; none if the control is to be left alone.
     pub max_gain: Option<f64>,
+}
+
+impl CameraConfig {
+    /// How the camera's colours are known, in words.
+    pub fn colour_state(&self, sky: SkyKind) -> &'static str {
+        match (sky, &self.colour) {
+            (SkyKind::Simulated | SkyKind::Logged, _) => "none",
+            (_, Some(_)) => "calibrated",
+            (_, None) => "taken for Rec.709",
+        }
+    }
 }
 
 /// The white of Rec.709 (D65), kelvin.
@@ -94,6 +107,7 @@ pub(super) fn sky(r: &Reader, site: Option<Site>) -> Result<(SkyKind, CameraConf
         frames: r.path("camera.frames")?,
         lens: r.path("camera.lens")?,
         response: r.path("camera.response")?,
+        colour: r.path("camera.colour")?,
         radiance_scale: r.number("camera.radiance_scale", 1e-6..=1e6)?.unwrap_or(1.0),
         light_log: r.path("camera.light_log")?,
         device: r.text("camera.device", 200)?,

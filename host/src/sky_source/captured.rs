@@ -12,6 +12,7 @@ use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
 use crate::camera::{Camera, CameraError, Exposure, Frame};
 use crate::capture::{self, Capture, CaptureSettings, Captured};
 use crate::clock::Moment;
+use crate::colour::CameraColour;
 use crate::config::{ClockConfig, Config, SkyKind};
 use crate::lens::Lens;
 use crate::planner::Planner;
@@ -49,13 +50,14 @@ pub struct CapturedSky {
 }
 
 impl CapturedSky {
-    /// Reads the files of lens and response, without a camera.
+    /// Reads the files of lens, response and colours, without a camera.
     ///
     /// # Errors
     /// What is wrong with them, in one line.
     pub fn check_files(config: &Config) -> anyhow::Result<()> {
         config.camera.lens.as_ref().map(|path| Lens::load(path)).transpose()?;
         config.camera.response.as_ref().map(|path| Response::load(path)).transpose()?;
+        config.camera.colour.as_ref().map(|path| CameraColour::load(path)).transpose()?;
         Ok(())
     }
 
@@ -98,7 +100,10 @@ impl CapturedSky {
             turbidity: config.weather.turbidity as f32,
             north_deg,
         };
-        let capture = Capture::new(&lens, (limits.width, limits.height), patches, settings, None)?;
+        let mut capture = Capture::new(&lens, (limits.width, limits.height), patches, settings, None)?;
+        if let Some(path) = &config.camera.colour {
+            capture.set_colour(&CameraColour::load(path)?);
+        }
         let mut planner = Planner::new(limits, SERIES);
         planner.set_importance(&capture.pixel_importance(&[]));
         // By a simulated clock every frame has its own light.

@@ -166,16 +166,10 @@ fn lat_long(merged: &Merged, lens: &Lens, sun: Option<SunOption>) -> Result<Radi
     let mut map = RadianceMap::from_fn(MAP_HEIGHT, |dir| {
         let patch = weights.radiance[set.patch_of(dir)];
         let is_sun = weights.sun.is_some_and(|sun| (0..3).map(|k| sun.dir_world[k] * dir[k]).sum::<f32>() > near_sun);
-        if dir[1] < 0.0 || is_sun { patch } else { look_up(merged, lens, dir).unwrap_or(patch) }
+        if dir[1] < 0.0 || is_sun { patch } else { capture.radiance_towards(lens, dir).unwrap_or(patch) }
     });
     if let Some(sun) = &weights.sun {
         paint_disc(&mut map, sun);
     }
     Ok(map)
-}
-
-fn look_up(merged: &Merged, lens: &Lens, dir: [f32; 3]) -> Option<[f32; 3]> {
-    let [x, y] = lens.project(dir.map(f64::from))?;
-    let inside = (0.0..merged.width as f64).contains(&x) && (0.0..merged.height as f64).contains(&y);
-    inside.then(|| merged.radiance[y as usize * merged.width + x as usize])
 }

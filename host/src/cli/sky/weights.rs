@@ -4,6 +4,7 @@ use super::SunOption;
 use crate::bracket::{Merged, PixelState};
 use crate::capture::{Capture, CaptureSettings};
 use crate::cli::args::{number, numbers, place, required};
+use crate::colour::CameraColour;
 use crate::failure::{Failure, OrFail};
 use crate::lens::Lens;
 use crate::map::{RadianceMap, luminance};
@@ -25,6 +26,7 @@ struct Options {
     field: Option<PathBuf>,
     lens: Option<PathBuf>,
     sun: Option<[f64; 2]>,
+    colour: Option<PathBuf>,
     env_rot_deg: Option<f64>,
     out: Option<PathBuf>,
     json: bool,
@@ -37,6 +39,9 @@ pub(super) fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     if options.lens.is_some() && options.env_rot_deg.is_some() {
         return Err(Failure::bad("sky weights: the lens file already holds the orientation; leave out --env-rot"));
     }
+    if options.lens.is_none() && options.colour.is_some() {
+        return Err(Failure::bad("sky weights: a lat-long map is Rec.709 already; --colour needs --lens"));
+    }
     if options.lens.is_none() && options.sun.is_some() {
         return Err(Failure::bad("sky weights: the sun of a lat-long map is found in it; --sun needs --lens"));
     }
@@ -44,7 +49,7 @@ pub(super) fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     let file = FieldFile::open(required(options.field.as_ref(), "--field FIELD")?).or_bad()?;
     let field = file.field();
     let (weights, report) = match &options.lens {
-        Some(lens) => from_picture(map, &Lens::load(lens).or_bad()?, options.sun, &field)?,
+        Some(lens) => from_picture(map, &Lens::load(lens).or_bad()?, &options, &field)?,
         None => from_map(&RadianceMap::load(map).or_bad()?, options.env_rot_deg.unwrap_or(0.0), field.patch_set())?,
     };
     if report.irradiance_off.abs() > IRRADIANCE_OFF {
@@ -103,6 +108,7 @@ fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
             Long("field") => o.field = Some(parser.value()?.into()),
             Long("lens") => o.lens = Some(parser.value()?.into()),
             Long("sun") => o.sun = Some(numbers(parser, "--sun", "azimuth and altitude")?),
+            Long("colour") => o.colour = Some(parser.value()?.into()),
             Long("env-rot") => o.env_rot_deg = Some(number(parser, "--env-rot", -360.0..=360.0)?),
             Long("json") => o.json = true,
             Long("out") | Short('o') => o.out = Some(parser.value()?.into()),
@@ -116,7 +122,7 @@ fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
 fn from_picture(
     path: &Path,
     lens: &Lens,
-    sun: Option<[f64; 2]>,
+    options: &Options,
     field: &Field<'_>,
 ) -> Result<(PatchWeights, Report), Failure> {
     let merged = read_picture(path)?;
@@ -124,7 +130,10 @@ fn from_picture(
     let settings = CaptureSettings { north_deg, ..CaptureSettings::default() };
     let size = (merged.width, merged.height);
     let mut capture = Capture::new(lens, size, *field.patch_set(), settings, None).or_bad()?;
-    let position = sun.map(|sun| SunOption::Position(sun).position(0.0)).transpose()?;
+    if let Some(path) = &options.colour {
+        capture.set_colour(&CameraColour::load(path).or_bad()?);
+    }
+    let position = options.sun.map(|sun| SunOption::Position(sun).position(0.0)).transpose()?;
     let captured = capture.weights(&merged, position).or_bad()?;
     let shares = captured.filled_share.iter().enumerate().filter(|(_, share)| **share > 0.0);
     let report = Report {
