@@ -232,12 +232,14 @@ fn a_veiled_sun_is_dimmed_by_what_its_aureole_tells() {
     }
 }
 
+/// A sky over directions, and its horizontal irradiance over pi.
+type ClosedForm = (f64, fn([f32; 3]) -> f32);
+
 #[test]
 fn irradiance_is_that_of_closed_forms() {
     // Uniform: pi L. CIE overcast, L (1 + 2 sin h) / 3: 7 pi L / 9. L cos^2 towards the east: pi L / 4 on the ground.
     let lens = Lens::zenith_equidistant(360, 360, 185.0);
-    let skies: [(f64, fn([f32; 3]) -> f32); 3] =
-        [(1.0, |_| 1.0), (7.0 / 9.0, |d| (1.0 + 2.0 * d[1]) / 3.0), (0.25, |d| d[0] * d[0])];
+    let skies: [ClosedForm; 3] = [(1.0, |_| 1.0), (7.0 / 9.0, |d| (1.0 + 2.0 * d[1]) / 3.0), (0.25, |d| d[0] * d[0])];
     let mask: Vec<bool> = (0..360 * 360).map(|i| i % 360 > 60 || i / 360 < 200).collect();
     for (share, sky) in skies {
         let mut merged = flat(360, [0.0; 3]);

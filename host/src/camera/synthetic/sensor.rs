@@ -116,8 +116,8 @@ impl Sensor {
         let mut state = shot.seed;
         for (index, value) in light {
             let bits = splitmix(&mut state);
-            for k in 0..3 {
-                let signal = value[k] * scale;
+            for (k, value) in value.into_iter().enumerate() {
+                let signal = value * scale;
                 let deviate = self.noise[(bits >> (16 * k)) as usize % NOISE_TABLE];
                 let noisy = (signal + deviate * (signal * shot_noise + read).sqrt()).clamp(lowest, 1.0);
                 let root = noisy.abs().sqrt().copysign(noisy) + self.below;

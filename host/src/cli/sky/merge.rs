@@ -106,7 +106,10 @@ fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
     Ok(o)
 }
 
-fn merge(folder: &Path, options: &Options) -> Result<(Merged, Option<Vec<[f32; 3]>>), Failure> {
+/// One standard deviation per pixel and channel.
+type Sigma = Vec<[f32; 3]>;
+
+fn merge(folder: &Path, options: &Options) -> Result<(Merged, Option<Sigma>), Failure> {
     let response = options.response.as_ref().map(|path| Response::load(path));
     let response = response.transpose().or_bad()?.unwrap_or_default();
     let noise = options
