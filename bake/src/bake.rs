@@ -142,5 +142,10 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
         assembly.push(block);
         Ok(())
     })?;
-    assembly.finish(job, camera, options, started.elapsed())
+    let baked = assembly.finish(job, camera, options, started.elapsed());
+    if let (Err(_), Some(ledger)) = (&baked, ledger) {
+        // Every block is there and they make no field: no second run would.
+        ledger.discard();
+    }
+    baked
 }

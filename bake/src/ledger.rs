@@ -9,7 +9,7 @@
 
 use crate::job::DoneBlock;
 use std::fs::{File, TryLockError};
-use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -44,6 +44,9 @@ pub enum LedgerError {
         /// Blocks it should have.
         wanted: u32,
     },
+    /// No room is left.
+    #[error("{}: the disk is full; free some space and go on with --resume, or choose another folder", .0.display())]
+    Full(PathBuf),
     /// The file cannot be read or written.
     #[error("{}: {source}", file.display())]
     Io {
@@ -57,8 +60,8 @@ pub enum LedgerError {
 impl LedgerError {
     /// Would it help to start again once the disk is well?
     pub fn is_of_the_disk(&self) -> bool {
-        matches!(self, LedgerError::Busy(_))
-            || matches!(self, LedgerError::Io { source, .. } if source.kind() != std::io::ErrorKind::NotFound)
+        matches!(self, LedgerError::Busy(_) | LedgerError::Full(_))
+            || matches!(self, LedgerError::Io { source, .. } if source.kind() != ErrorKind::NotFound)
     }
 }
 
@@ -67,6 +70,7 @@ impl LedgerError {
 pub struct Ledger {
     path: PathBuf,
     file: File,
+    first: u32,
     next: u32,
 }
 
@@ -90,7 +94,7 @@ impl Ledger {
         let mut file = File::options().read(true).write(true).create(true).truncate(false).open(path).map_err(io)?;
         match file.try_lock() {
             Err(TryLockError::WouldBlock) => return Err(LedgerError::Busy(path.to_owned())),
-            Err(TryLockError::Error(source)) if source.kind() != std::io::ErrorKind::Unsupported => {
+            Err(TryLockError::Error(source)) if source.kind() != ErrorKind::Unsupported => {
                 return Err(io(source));
             }
             _ => {}
@@ -112,7 +116,7 @@ impl Ledger {
         } else {
             writeln!(file, "{MAGIC} {identity:08x} {} {}", numbers.start, numbers.end).map_err(io)?;
         }
-        Ok(Ledger { path: path.to_owned(), file, next })
+        Ok(Ledger { path: path.to_owned(), file, first: numbers.start, next })
     }
 
     /// Number of the first block that is not there yet.
@@ -123,7 +127,7 @@ impl Ledger {
     /// Adds the next block.
     ///
     /// # Errors
-    /// [`LedgerError::Io`], for instance when the disk is full; the blocks before stay good.
+    /// [`LedgerError::Full`] and [`LedgerError::Io`]; the blocks before stay good, and without any the file goes.
     pub fn append(&mut self, block: &DoneBlock) -> Result<(), LedgerError> {
         let io = |source| LedgerError::Io { file: self.path.clone(), source };
         let bytes = postcard::to_stdvec(block).map_err(|error| io(std::io::Error::other(error.to_string())))?;
@@ -131,9 +135,20 @@ impl Ledger {
         record.extend_from_slice(&(bytes.len() as u32).to_le_bytes());
         record.extend_from_slice(&crc32fast::hash(&bytes).to_le_bytes());
         record.extend_from_slice(&bytes);
-        self.file.write_all(&record).map_err(io)?;
+        if let Err(error) = self.file.write_all(&record) {
+            if self.next == self.first {
+                let _ = std::fs::remove_file(&self.path);
+            }
+            let is_full = matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded);
+            return Err(if is_full { LedgerError::Full(self.path.clone()) } else { io(error) });
+        }
         self.next = block.number + 1;
         Ok(())
+    }
+
+    /// Deletes the file, as far as that goes.
+    pub fn discard(self) {
+        let _ = std::fs::remove_file(&self.path);
     }
 
     /// Puts the finished file in place, under another name.

@@ -11,7 +11,7 @@ use relume_tests::program::bake_in;
 use relume_tests::scene::write_courtyard;
 
 /// Moments of a day.
-const MOMENTS: usize = 20;
+const MOMENTS: usize = 10;
 /// With the sun lower than this the camera's longest exposure is a part in a thousand of its full well: noise that black cuts
 /// off makes the sky too bright, by up to a half.
 const TOO_DARK_DEG: f64 = -7.0;
