@@ -52,6 +52,7 @@ pub(super) fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
         Some(lens) => from_picture(map, &Lens::load(lens).or_bad()?, &options, &field)?,
         None => from_map(&RadianceMap::load(map).or_bad()?, options.env_rot_deg.unwrap_or(0.0), field.patch_set())?,
     };
+    weights.save(field.patch_set(), out).or_runtime()?;
     if report.irradiance_off.abs() > IRRADIANCE_OFF {
         eprintln!(
             "{}: the weights' horizontal irradiance is {:+.1} % off the map's own; more directions follow it closer",
@@ -62,7 +63,6 @@ pub(super) fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     if !report.filled.is_empty() {
         eprintln!("{} patches, or parts of them, were not seen and are filled from a smooth sky", report.filled.len());
     }
-    weights.save(field.patch_set(), out).or_runtime()?;
     if options.json { crate::cli::say_json(&report) } else { Ok(()) }
 }
 
