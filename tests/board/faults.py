@@ -149,7 +149,7 @@ def kills(check, chance, times=3):
     check.must(True, f"{times} x kill -9, {moments} s after the start: then well after {took:.1f} s")
 
 
-def power_cuts(check, chance, times=2):
+def power_cuts(check, chance, times=1):
     """The power goes at random moments of a start or a run, and comes back, and the post with it."""
     moments = [chance.uniform(0, 6) for _ in range(times)]
     for moment in moments:

@@ -47,7 +47,22 @@ fn shown_again(folder: &Path, name: &str) -> [Vec<u8>; 2] {
     [read(1), read(2)]
 }
 
-/// Bakes a field of this size and runs a scenario of `tests/board` with it; the folder with what came of it, unless there is no
+/// A field of this size, baked once for all scenarios of a run.
+fn field(size: &str) -> PathBuf {
+    static BAKED: Mutex<Vec<String>> = Mutex::new(Vec::new());
+    let mut baked = BAKED.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("board-field-{size}"));
+    if !baked.iter().any(|done| done == size) {
+        let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), &format!("board-field-{size}"));
+        write_courtyard(&folder);
+        let args = ["scene", "scene.glb", "--camera", "camera.json", "--size", size, "--directions", "64"];
+        bake_in(&folder, &[&args[..], &["--max-hits", "2", "--sun-paths", "16", "-o", "a.field"]].concat()).well();
+        baked.push(size.to_owned());
+    }
+    folder.join("a.field")
+}
+
+/// Takes a field of this size and runs a scenario of `tests/board` with it; the folder with what came of it, unless there is no
 /// board. One board at a time: they share this machine.
 fn run_scenario(scenario: &str, size: &str, more: &[&str]) -> Option<PathBuf> {
     static ONE_BOARD: Mutex<()> = Mutex::new(());
@@ -60,9 +75,7 @@ fn run_scenario(scenario: &str, size: &str, more: &[&str]) -> Option<PathBuf> {
     };
     let _one = ONE_BOARD.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), &format!("{scenario}-{size}"));
-    write_courtyard(&folder);
-    let args = ["scene", "scene.glb", "--camera", "camera.json", "--size", size, "--directions", "64"];
-    bake_in(&folder, &[&args[..], &["--max-hits", "2", "-o", "a.field"]].concat()).well();
+    std::fs::copy(field(size), folder.join("a.field")).unwrap();
     let check = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("board/{scenario}.py"));
     let status = Command::new("python3").arg(check).arg(&folder).arg(programs).arg(size).args(more).status().unwrap();
     assert!(status.success(), "see the findings above");
@@ -113,7 +126,7 @@ fn a_post_on_the_board_shows_what_the_bench_shows_and_outlives_every_fault() {
 }
 
 #[test]
-#[ignore = "boots a virtual board; tests/run runs it"]
+#[ignore = "boots a virtual board once more"]
 fn a_post_on_the_board_shows_a_live_view_as_the_bench_shows_a_still() {
     live_view_on_the_board("640x480");
 }
