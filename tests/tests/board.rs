@@ -39,7 +39,7 @@ fn shown_again(folder: &Path, name: &str) -> [Vec<u8>; 2] {
     put(&folder.join(format!("{name}.toml")), text + "[run]\nstart = 2027-06-21T08:00:00Z\n");
     relume_in(folder, &["run", &format!("{name}.toml")]).well();
     let pictures: Vec<String> = names(&folder.join(name)).into_iter().filter(|file| file.ends_with(".png")).collect();
-    assert!(pictures.len() > 2, "{name}: {} lights were logged", pictures.len());
+    assert!(pictures.len() >= 2, "{name}: {} lights were logged", pictures.len());
     let read = |back: usize| {
         let file = folder.join(name).join(&pictures[pictures.len() - back]);
         image::open(file).unwrap().into_rgb8().into_raw()
