@@ -78,11 +78,15 @@ class PostCheck(Findings):
         self.camera = self.board.start(CAMERA)
         self.board.wait_for("plugged at port", "usbcam.log", PATIENCE_S)
 
-    def start(self, health="/out/health.json", device="Relume Sky Camera", lens="/out/lens.json", camera="max_gain = 8",
-              display='buffers = "dumb"'):
-        """Starts the post with these values in its file."""
+    def write_post(self, health="/out/health.json", device="Relume Sky Camera", lens="/out/lens.json", camera="max_gain = 8",
+                   display='buffers = "dumb"'):
+        """The post's file, with these values."""
         values = {"health": health, "device": device, "lens": lens, "camera": camera, "display": display, "size": self.size}
         (self.board.out / "POST.toml").write_text(POST.format(**values))
+
+    def start(self, **values):
+        """Starts the post with these values in its file."""
+        self.write_post(**values)
         self.health_file.unlink(missing_ok=True)
         self.post = self.board.start("exec relume run /out/POST.toml --json")
 

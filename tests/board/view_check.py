@@ -29,9 +29,9 @@ class ViewCheck(PostCheck):
 
     interval_s = STANDING_S
 
-    def write_post(self, health):
+    def write_post(self, **values):
         """The post's file, with a live view."""
-        super().write_post(health)
+        super().write_post(**values)
         file = self.board.out / "POST.toml"
         text = file.read_text().replace("interval_s = 0.1", f"interval_s = {self.interval_s}")
         file.write_text(text + f'[view_camera]\ndevice = "vivid"\nsize = "{self.size}"\n')
@@ -71,7 +71,7 @@ class ViewCheck(PostCheck):
 
     def cameras(self):
         """`relume check` tells of both."""
-        self.write_post("/out/health.json")
+        self.write_post()
         told = self.board.sh("relume check /out/POST.toml", PATIENCE_S, check=False).output.splitlines()
         for what in ("camera", "live"):
             lines = [line for line in told if line[5:].startswith(what + " ")]
@@ -110,7 +110,7 @@ def main(folder, programs, size):
     for made in (share, out):
         shutil.rmtree(made, ignore_errors=True)
     (share / "bin").mkdir(parents=True)
-    for name in ("relume", "usbcam"):
+    for name in ("relume", "usbcam", "usbcam-probe"):
         shutil.copy(programs / name, share / "bin")
     shutil.copy(folder / "a.field", share)
     with Machine(build_image(), share, out, rtc=MORNING, parameters={"vivid": VIVID}) as board:
