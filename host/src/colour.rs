@@ -8,41 +8,10 @@ pub mod chart;
 pub mod difference;
 pub mod spaces;
 
-use crate::outfile::{OutError, write_whole};
+use crate::jsonfile::{self, JsonError};
+use crate::outfile::OutError;
 use serde::{Deserialize, Serialize};
-use std::io::Write;
 use std::path::Path;
-
-/// Why a colour file could not be used; one line that names file and field.
-#[derive(Debug, thiserror::Error)]
-pub enum ColourError {
-    /// The file could not be read.
-    #[error("{name}: {source}")]
-    Io {
-        /// File name.
-        name: String,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The text is no description of colours.
-    #[error("{name}: {reason}")]
-    Json {
-        /// File name.
-        name: String,
-        /// What the parser said.
-        reason: String,
-    },
-    /// A field's value makes no sense.
-    #[error("{name}: {field}: {what}")]
-    Value {
-        /// File name.
-        name: String,
-        /// The field at fault.
-        field: &'static str,
-        /// What is wrong and what to do.
-        what: &'static str,
-    },
-}
 
 /// How a camera's linear colours become linear Rec.709.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -65,13 +34,12 @@ impl CameraColour {
     /// Reads `CAMERA.json`.
     ///
     /// # Errors
-    /// [`ColourError`], naming the file and the field at fault.
-    pub fn load(path: &Path) -> Result<Self, ColourError> {
-        let name = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|source| ColourError::Io { name: name.clone(), source })?;
-        let colour: CameraColour = serde_json::from_str(&text)
-            .map_err(|reason| ColourError::Json { name: name.clone(), reason: reason.to_string() })?;
-        let bad = |field, what| Err(ColourError::Value { name: name.clone(), field, what });
+    /// [`JsonError`], naming the file and the field at fault.
+    pub fn load(path: &Path) -> Result<Self, JsonError> {
+        let colour: CameraColour = jsonfile::load(path)?;
+        let bad = |field, what: &str| {
+            Err(JsonError::Value { name: path.display().to_string(), field, what: what.to_owned() })
+        };
         if !colour.white_balance.iter().all(|w| (0.01..=100.0).contains(w)) {
             return bad("white_balance", "must be three factors between 0.01 and 100");
         }
@@ -89,10 +57,7 @@ impl CameraColour {
     /// # Errors
     /// [`OutError`], naming the file.
     pub fn save(&self, path: &Path) -> Result<(), OutError> {
-        write_whole(path, |out| {
-            serde_json::to_writer(&mut *out, self)?;
-            out.write_all(b"\n")
-        })
+        jsonfile::save(path, self)
     }
 
     /// Matrix and white balance in one: Rec.709 = this x camera.

@@ -9,6 +9,7 @@
 
 use crate::least_squares::minimise;
 use crate::lens::Lens;
+use crate::quantile::median;
 
 /// Rings of one degree, to where vignetting is followed.
 const RINGS: usize = 100;
@@ -74,11 +75,11 @@ impl<'a> FlatField<'a> {
                 rings[ring].push(value.into());
             }
         }
-        let middle: Vec<f64> = rings[..CENTRE].iter().flatten().copied().collect();
-        let Some(centre) = median(middle).filter(|&centre| centre >= DARK) else { return };
-        for (all, ring) in self.rings.iter_mut().zip(rings) {
+        let mut middle: Vec<f64> = rings[..CENTRE].iter().flatten().copied().collect();
+        let Some(centre) = median(&mut middle).filter(|&centre| centre >= DARK) else { return };
+        for (all, mut ring) in self.rings.iter_mut().zip(rings) {
             if ring.len() >= MIN_PIXELS {
-                all.extend(median(ring).map(|value| value / centre));
+                all.extend(median(&mut ring).map(|value| value / centre));
             }
         }
     }
@@ -92,7 +93,7 @@ impl<'a> FlatField<'a> {
             .rings
             .into_iter()
             .enumerate()
-            .filter_map(|(ring, values)| Some((((ring as f64 + 0.5) / 90.0).powi(2), median(values)?)))
+            .filter_map(|(ring, mut values)| Some((((ring as f64 + 0.5) / 90.0).powi(2), median(&mut values)?)))
             .filter(|(_, share)| *share > 0.0)
             .collect();
         let Some(&(last, _)) = points.last() else { return Err(FlatError::Exposure) };
@@ -106,11 +107,6 @@ impl<'a> FlatField<'a> {
         let [_, coefficients @ ..] = <[f64; 4]>::try_from(found.parameters).map_err(|_| FlatError::NoFit)?;
         Ok(Vignetting { coefficients, rms: (found.cost / points.len() as f64).sqrt(), reach_deg })
     }
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@
 mod file;
 pub mod mask;
 
-pub use file::{LensError, LensFile};
+pub use file::LensFile;
 use mask::SkyMask;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, PI};

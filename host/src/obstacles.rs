@@ -7,6 +7,7 @@
 
 use crate::lens::Lens;
 use crate::lens::mask::SkyMask;
+use crate::quantile::{median, quantile};
 
 const BANDS: usize = 9;
 /// Share of a band's light.
@@ -48,14 +49,14 @@ impl ObstacleFinder {
                 values[usize::from(*band)].push(value);
             }
         }
-        let all: Vec<f32> = values.iter().flatten().copied().collect();
-        if !quantile(all, 0.5).is_some_and(|median| EXPOSED.contains(&median)) {
+        let mut all: Vec<f32> = values.iter().flatten().copied().collect();
+        if !median(&mut all).is_some_and(|median| EXPOSED.contains(&median)) {
             return;
         }
         let mut needed = [0.0; BANDS];
         let mut above = 0.0;
-        for (band, values) in values.into_iter().enumerate().rev() {
-            above = quantile(values, 0.75).unwrap_or(0.0).max(BAND_ABOVE * above);
+        for (band, mut values) in values.into_iter().enumerate().rev() {
+            above = quantile(&mut values, 0.75).unwrap_or(0.0).max(BAND_ABOVE * above);
             needed[band] = BRIGHT * above;
         }
         for ((bright, &value), band) in self.bright.iter_mut().zip(light).zip(&self.bands) {
@@ -83,11 +84,6 @@ impl ObstacleFinder {
         };
         (SkyMask::from_fn(width, height, |pixel| self.bands[pixel].is_some() && smooth(pixel)), frames)
     }
-}
-
-fn quantile(mut values: Vec<f32>, share: f64) -> Option<f32> {
-    let at = (share * values.len() as f64) as usize;
-    (at < values.len()).then(|| *values.select_nth_unstable_by(at, f32::total_cmp).1)
 }
 
 #[cfg(test)]

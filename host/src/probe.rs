@@ -3,6 +3,7 @@
 //! `PROBE.json`: `{"E_horizontal":[r,g,b]}`, in the unit of the merged picture's radiance x sr.
 
 use crate::bracket::{Merged, PixelState};
+use crate::jsonfile::{self, JsonError};
 use crate::lens::Lens;
 use crate::skymodel::disc_directions;
 use serde::Deserialize;
@@ -26,30 +27,9 @@ pub struct Probe {
 /// Why a probe could not be used; one line.
 #[derive(Debug, thiserror::Error)]
 pub enum ProbeError {
-    /// The file could not be read.
-    #[error("{name}: {source}")]
-    Io {
-        /// File name.
-        name: String,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The text is no probe's reading.
-    #[error("{name}: {reason}; write {{\"E_horizontal\":[r,g,b]}}")]
-    Json {
-        /// File name.
-        name: String,
-        /// What the parser said.
-        reason: String,
-    },
-    /// The reading is no irradiance.
-    #[error("{name}: E_horizontal: {value:?} must be finite and not negative")]
-    Value {
-        /// File name.
-        name: String,
-        /// The values found.
-        value: [f64; 3],
-    },
+    /// The file is no probe's reading: `{"E_horizontal":[r,g,b]}`, finite and not negative.
+    #[error(transparent)]
+    File(#[from] JsonError),
     /// Too little of the sky is in the picture.
     #[error("the lens shows only {0:.0} % of the sky above the horizon; a probe needs at least half of it")]
     Unseen(f64),
@@ -74,12 +54,10 @@ impl Probe {
     /// # Errors
     /// [`ProbeError`], naming the file and what is wrong.
     pub fn load(path: &Path) -> Result<Self, ProbeError> {
-        let name = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|source| ProbeError::Io { name: name.clone(), source })?;
-        let probe: Probe = serde_json::from_str(&text)
-            .map_err(|reason| ProbeError::Json { name: name.clone(), reason: reason.to_string() })?;
+        let probe: Probe = jsonfile::load(path)?;
         if probe.horizontal.iter().any(|v| !(v.is_finite() && *v >= 0.0)) {
-            return Err(ProbeError::Value { name, value: probe.horizontal });
+            let what = format!("{:?} must be finite and not negative", probe.horizontal);
+            return Err(JsonError::Value { name: path.display().to_string(), field: "E_horizontal", what }.into());
         }
         Ok(probe)
     }

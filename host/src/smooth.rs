@@ -3,6 +3,7 @@
 //! Real spherical harmonics up to order 2 and a glow along the horizon by least squares, and what they leave over near by:
 //! the mean of the seen patches' residuals under a Gaussian of 12 degrees, which fades to nothing where none is near.
 
+use crate::linear_system::solve;
 use relume_firmware::patches::PatchSet;
 
 const TERMS: usize = 10;
@@ -17,28 +18,6 @@ const AT_REST: f32 = 0.05;
 fn shapes([x, y, z]: [f32; 3]) -> [f64; TERMS] {
     let [x, y, z] = [x, y, z].map(f64::from);
     [1.0, x, y, z, x * y, y * z, x * z, 3.0 * y * y - 1.0, x * x - z * z, (-y.max(0.0) / GLOW).exp()]
-}
-
-/// Solves `a x = b` (symmetric, made definite by its diagonal) for `K` right-hand sides; Gauss with pivoting.
-pub(crate) fn solve<const N: usize, const K: usize>(mut a: [[f64; N]; N], mut b: [[f64; K]; N]) -> [[f64; K]; N] {
-    for col in 0..N {
-        let pivot = (col..N).max_by(|&i, &j| a[i][col].abs().total_cmp(&a[j][col].abs())).unwrap_or(col);
-        a.swap(col, pivot);
-        b.swap(col, pivot);
-        for row in col + 1..N {
-            let factor = a[row][col] / a[col][col];
-            let (left, right) = (a[col], b[col]);
-            a[row] = std::array::from_fn(|k| a[row][k] - factor * left[k]);
-            b[row] = std::array::from_fn(|k| b[row][k] - factor * right[k]);
-        }
-    }
-    for row in (0..N).rev() {
-        b[row] = std::array::from_fn(|k| {
-            let known: f64 = (row + 1..N).map(|j| a[row][j] * b[j][k]).sum();
-            (b[row][k] - known) / a[row][row]
-        });
-    }
-    b
 }
 
 /// A fitted sky; its memory is reused from one fit to the next.

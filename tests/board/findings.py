@@ -11,3 +11,8 @@ class Findings:
         """A finding."""
         self.failed += not holds
         print(f"{'ok    ' if holds else 'FAILED'} {text}", flush=True)
+
+    def kernel_is_content(self, board):
+        """The kernel has nothing to complain of."""
+        complaints = board.sh("dmesg | grep -E 'BUG:|WARNING:|Oops|Call trace' | head -3", check=False).output
+        self.must(not complaints, f"the kernel is content {complaints.strip()}")

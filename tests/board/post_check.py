@@ -268,33 +268,37 @@ class PostCheck(Findings):
         ]
 
 
-def main(folder, programs, size, with_faults):
-    """The check."""
+def on_a_board(kind, parts, folder, programs, size, **machine):
+    """Boots a board for a check of this kind and runs what `parts` makes of it; the program's exit code."""
     share, out = folder / "share", folder / "out"
-    shutil.rmtree(share, ignore_errors=True)
-    shutil.rmtree(out, ignore_errors=True)
+    for made in (share, out):
+        shutil.rmtree(made, ignore_errors=True)
     (share / "bin").mkdir(parents=True)
     for name in ("relume", "usbcam", "usbcam-probe"):
         shutil.copy(programs / name, share / "bin")
     shutil.copy(folder / "a.field", share)
-    image = build_image(mesa="stub" if with_faults else "none")
-    with Machine(image, share, out, outputs=2, parameters={"vivid": VIVID}, rtc=MORNING) as board:
+    with Machine(share=share, out=out, rtc=MORNING, parameters={"vivid": VIVID}, **machine) as board:
         print(f"       boot: {board.boot(PATIENCE_S):.1f} s")
-        check = PostCheck(board, size)
-        parts = check.parts()
+        check = kind(board, size)
         try:
             check.plug_in()
-            for part in parts if with_faults else parts[:1]:
+            for part in parts(check):
                 begun = time.monotonic()
                 part()
                 print(f"       ({time.monotonic() - begun:.0f} s)", flush=True)
-            complaints = board.sh("dmesg | grep -E 'BUG:|WARNING:|Oops|Call trace' | head -3", check=False).output
-            check.must(not complaints, f"the kernel is content {complaints.strip()}")
+            check.kernel_is_content(board)
         except BoardError:
             print(check.post.output()[-3000:] if check.post else "", check.camera.output()[-300:], sep="\n")
             raise
         board.shutdown()
     return 1 if check.failed else 0
+
+
+def main(folder, programs, size, with_faults):
+    """The check."""
+    image = build_image(mesa="stub" if with_faults else "none")
+    parts = PostCheck.parts if with_faults else lambda check: [check.pictures]
+    return on_a_board(PostCheck, parts, folder, programs, size, image=image, outputs=2)
 
 
 if __name__ == "__main__":

@@ -135,8 +135,7 @@ def main(programs):
                 check.faults()
                 check.automatic()
                 check.must(camera.running(), "the camera still runs")
-                complaints = board.sh("dmesg | grep -E 'BUG:|WARNING:|Oops|Call trace' | head -3", check=False).output
-                check.must(not complaints, f"the kernel is content {complaints.strip()}")
+                check.kernel_is_content(board)
             except BoardError:
                 print(camera.output(), check.log.read_text()[-2000:] if check.log.exists() else "", sep="\n")
                 raise

@@ -13,11 +13,8 @@ from pathlib import Path
 
 from fault import BoardError
 from image import build_image
-from machine import Machine
-from post_check import MORNING, PATIENCE_S, PostCheck
+from post_check import PATIENCE_S, PostCheck, on_a_board
 
-# One input, a webcam: moving text over bars, in sizes that webcams have.
-VIVID = "node_types=0x1 num_inputs=1 input_types=0x0"
 DRIVER = "/sys/bus/platform/drivers/vivid"
 # So long a frame stands that it can be photographed, together with what the post says of it.
 STANDING_S = 2.5
@@ -103,30 +100,14 @@ class ViewCheck(PostCheck):
         took, held = self.until("ok"), told["view"]["pictures"]
         self.must(self.view()["pictures"] > held, f"view's driver bound: well again after {took:.1f} s")
 
+    def parts(self):
+        """Everything, in order."""
+        return [self.cameras, self.pictures, self.faults]
+
 
 def main(folder, programs, size):
     """The check."""
-    share, out = folder / "share", folder / "out"
-    for made in (share, out):
-        shutil.rmtree(made, ignore_errors=True)
-    (share / "bin").mkdir(parents=True)
-    for name in ("relume", "usbcam", "usbcam-probe"):
-        shutil.copy(programs / name, share / "bin")
-    shutil.copy(folder / "a.field", share)
-    with Machine(build_image(), share, out, rtc=MORNING, parameters={"vivid": VIVID}) as board:
-        print(f"       boot: {board.boot(PATIENCE_S):.1f} s")
-        check = ViewCheck(board, size)
-        try:
-            check.plug_in()
-            for part in (check.cameras, check.pictures, check.faults):
-                part()
-            complaints = board.sh("dmesg | grep -E 'BUG:|WARNING:|Oops|Call trace' | head -3", check=False).output
-            check.must(not complaints, f"the kernel is content {complaints.strip()}")
-        except BoardError:
-            print(check.post.output()[-3000:] if check.post else "", check.camera.output()[-300:], sep="\n")
-            raise
-        board.shutdown()
-    return 1 if check.failed else 0
+    return on_a_board(ViewCheck, ViewCheck.parts, folder, programs, size, image=build_image())
 
 
 if __name__ == "__main__":

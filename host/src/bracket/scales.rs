@@ -5,6 +5,7 @@
 //! direction from its shorter neighbour and back to its longer one.
 
 use super::tables::Fact;
+use crate::quantile::median;
 
 /// Fractions that count as well measured.
 const LOWEST: f32 = 0.01;
@@ -25,11 +26,6 @@ pub(super) struct ScaleGauge {
     scratch: Vec<f32>,
 }
 
-fn median(values: &mut [f32]) -> f32 {
-    let middle = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f32::total_cmp).1 }
-}
-
 impl ScaleGauge {
     pub fn clear(&mut self) {
         self.ratios.clear();
@@ -47,7 +43,7 @@ impl ScaleGauge {
 
     /// Ends a pair of neighbouring exposures.
     pub fn end_pair(&mut self) {
-        let link = if self.ratios.len() < FEWEST { f32::NAN } else { median(&mut self.ratios) };
+        let link = if self.ratios.len() < FEWEST { f32::NAN } else { median(&mut self.ratios).unwrap_or(f32::NAN) };
         self.links.push(link);
         self.ratios.clear();
     }
@@ -56,7 +52,7 @@ impl ScaleGauge {
     pub fn drift(&mut self) -> f32 {
         self.scratch.clear();
         self.scratch.extend(self.links.iter().filter(|link| !link.is_nan()));
-        median(&mut self.scratch)
+        median(&mut self.scratch).unwrap_or(0.0)
     }
 
     /// True exposure over the stated one per frame, in rising exposure, one more than pairs: 1 unless a frame stands out.
@@ -85,7 +81,7 @@ impl ScaleGauge {
             self.offsets.push(before + link - drift);
         }
         self.scratch.clone_from(&self.offsets);
-        let middle = median(&mut self.scratch);
+        let middle = median(&mut self.scratch).unwrap_or(0.0);
         let agreeing = self.offsets.iter().filter(|&&offset| (offset - middle).abs() < AGREES).count();
         if 2 * agreeing <= links + 1 {
             return;

@@ -6,6 +6,7 @@
 //! that only shifts a band's middle.
 
 use super::tables::Fact;
+use crate::quantile::quantile;
 
 /// Noise of a sensor at gain 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,7 +71,7 @@ impl NoiseGauge {
             if count < FEWEST {
                 continue;
             }
-            let mut at = |share: f64| *values.select_nth_unstable_by((count as f64 * share) as usize, f32::total_cmp).1;
+            let mut at = |share: f64| quantile(values, share).unwrap_or(0.0);
             let spread = f64::from(at(0.9) - at(0.1)) / INTERDECILE;
             let (width, fraction) = (sums[0] / count as f64, sums[1] / count as f64);
             // Where the width of the codes is most of it, the noise does not show.

@@ -8,9 +8,9 @@
 //! the sun makes the aureole brighter by a factor; the largest share seen is taken as that of a clear sun, and forgotten
 //! slowly.
 
+use crate::linear_system::solve;
 use crate::map::luminance;
 use crate::skymodel::SkyModel;
-use crate::smooth::solve;
 
 /// Radius within which the aureole is looked at, degrees.
 pub(super) const AUREOLE_DEG: f64 = 7.0;

@@ -13,6 +13,7 @@ use super::difference::delta_e_2000;
 use super::spaces::{D50, D65, REC709_OF_XYZ, Triple, XYZ_OF_REC709, adapt, apply, daylight, lab, xyz_of_lab};
 use crate::camera::Frame;
 use crate::least_squares::minimise;
+use crate::linear_system::solve;
 use crate::response::Response;
 
 /// CIE L*a*b* (D50, 2 degree observer) of the 24 patches of the ColorChecker Classic, row by row from dark skin to black, as
@@ -239,11 +240,17 @@ fn greys(samples: &[Sample]) -> (Vec<&Sample>, usize) {
 /// The camera's colour of a perfect white in the chart's light, from the grey patches, by least squares; `matrix` takes balanced
 /// camera colours to Rec.709.
 fn camera_white(greys: &[&Sample], matrix: &[Triple; 3], white: Triple) -> Option<Triple> {
-    let tint = |s: &&Sample| solve(matrix, apply(&REC709_OF_XYZ, adapt(s.xyz_d50, D50, white)));
-    let tints: Vec<Triple> = greys.iter().map(tint).collect::<Option<_>>()?;
+    let tint = |s: &&Sample| made_of(matrix, apply(&REC709_OF_XYZ, adapt(s.xyz_d50, D50, white)));
+    let tints: Vec<Triple> = greys.iter().map(tint).collect();
     let sum =
         |k: usize, of: &dyn Fn(&Sample, f64) -> f64| greys.iter().zip(&tints).map(|(s, t)| of(s, t[k])).sum::<f64>();
-    Some(std::array::from_fn(|k| sum(k, &|s, tint| s.camera[k] * tint) / sum(k, &|_, tint| tint * tint)))
+    let found = std::array::from_fn(|k| sum(k, &|s, tint| s.camera[k] * tint) / sum(k, &|_, tint| tint * tint));
+    found.iter().all(|v: &f64| v.is_finite()).then_some(found)
+}
+
+/// The colour that a matrix makes `colour` of; not finite where there is none.
+fn made_of(matrix: &[Triple; 3], colour: Triple) -> Triple {
+    solve(*matrix, colour.map(|v| [v])).map(|row| row[0])
 }
 
 /// The six free numbers of a matrix that leaves red, green and blue as they are.
@@ -280,26 +287,10 @@ fn difference(sample: &Balanced, matrix: &[Triple; 3], white: Triple) -> f64 {
 /// White balance and matrix of one product, as `CAMERA.json` holds them: what the camera makes of D65 becomes grey.
 fn factored(matrix: &[Triple; 3], camera_white: Triple) -> Option<CameraColour> {
     let whole: [Triple; 3] = matrix.map(|row| std::array::from_fn(|k| row[k] / camera_white[k]));
-    let d65 = solve(&whole, [1.0; 3])?;
+    let d65 = made_of(&whole, [1.0; 3]);
     let fits = d65.iter().all(|&v| v.is_finite() && v > 0.0);
     fits.then(|| CameraColour {
         white_balance: d65.map(|v| d65[1] / v),
         matrix: whole.map(|row| std::array::from_fn(|k| row[k] * d65[k])),
     })
-}
-
-/// Solves a 3x3 system by Cramer's rule.
-fn solve(m: &[Triple; 3], b: Triple) -> Option<Triple> {
-    let determinant = |m: &[Triple; 3]| {
-        (0..3)
-            .map(|k| m[0][k] * (m[1][(k + 1) % 3] * m[2][(k + 2) % 3] - m[1][(k + 2) % 3] * m[2][(k + 1) % 3]))
-            .sum::<f64>()
-    };
-    let whole = determinant(m);
-    let with = |column: usize| {
-        let mut replaced = *m;
-        (0..3).for_each(|row| replaced[row][column] = b[row]);
-        determinant(&replaced) / whole
-    };
-    (whole.abs() > 1e-12).then(|| [with(0), with(1), with(2)])
 }

@@ -2,43 +2,12 @@
 
 use super::mask::SkyMask;
 use super::{Lens, LensModel, VIGNETTING_END};
-use crate::outfile::{OutError, write_whole};
+use crate::jsonfile::{self, JsonError};
+use crate::outfile::OutError;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// Why a lens file could not be used; one line that names file and field.
-#[derive(Debug, thiserror::Error)]
-pub enum LensError {
-    /// The file could not be read.
-    #[error("{name}: {source}")]
-    Io {
-        /// File name.
-        name: String,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The text is no lens description.
-    #[error("{name}: {reason}")]
-    Json {
-        /// File name.
-        name: String,
-        /// What the parser said.
-        reason: String,
-    },
-    /// A field's value makes no lens.
-    #[error("{name}: {field}: {what}")]
-    Value {
-        /// File name.
-        name: String,
-        /// The field at fault.
-        field: &'static str,
-        /// What is wrong and what to do.
-        what: String,
-    },
-}
 
 /// The fields of `LENS.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -77,9 +46,9 @@ impl LensFile {
     /// Checks the fields and makes the lens, without its mask; `name` is what errors call it.
     ///
     /// # Errors
-    /// [`LensError::Value`], naming the field.
-    pub fn lens(&self, name: &str) -> Result<Lens, LensError> {
-        let bad = |field, what: &str| Err(LensError::Value { name: name.into(), field, what: what.into() });
+    /// [`JsonError::Value`], naming the field.
+    pub fn lens(&self, name: &str) -> Result<Lens, JsonError> {
+        let bad = |field, what: &str| Err(JsonError::Value { name: name.into(), field, what: what.into() });
         if let Some((field, what)) = self.fault() {
             return bad(field, what);
         }
@@ -139,10 +108,7 @@ impl LensFile {
     /// # Errors
     /// [`OutError`], naming the file.
     pub fn save(&self, path: &Path) -> Result<(), OutError> {
-        write_whole(path, |out| {
-            serde_json::to_writer(&mut *out, self)?;
-            out.write_all(b"\n")
-        })
+        jsonfile::save(path, self)
     }
 }
 
@@ -162,15 +128,13 @@ impl Lens {
     /// Reads `LENS.json` and the mask that it names.
     ///
     /// # Errors
-    /// [`LensError`], naming the file and the field at fault.
-    pub fn load(path: &Path) -> Result<Self, LensError> {
+    /// [`JsonError`], naming the file and the field at fault.
+    pub fn load(path: &Path) -> Result<Self, JsonError> {
         let name = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|source| LensError::Io { name: name.clone(), source })?;
-        let file: LensFile = serde_json::from_str(&text)
-            .map_err(|reason| LensError::Json { name: name.clone(), reason: reason.to_string() })?;
+        let file: LensFile = jsonfile::load(path)?;
         let mut lens = file.lens(&name)?;
         if let Some(mask) = &file.mask {
-            let bad = |what: String| LensError::Value { name: name.clone(), field: "mask", what };
+            let bad = |what: String| JsonError::Value { name: name.clone(), field: "mask", what };
             let place = path.parent().unwrap_or(Path::new("")).join(mask);
             let mask = SkyMask::load(&place).map_err(|error| bad(error.to_string()))?;
             let (width, height) = *lens.size.get_or_insert(mask.size());

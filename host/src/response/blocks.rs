@@ -4,6 +4,7 @@
 //! clipped there; per frame and band of codes the flattest ones are taken, so that every code is seen.
 
 use crate::camera::{Codes, Frame};
+use crate::quantile::median;
 
 /// Pixels along a block's side.
 const SIDE: usize = 8;
@@ -51,8 +52,8 @@ pub fn black_level(frames: &[Frame]) -> Option<f64> {
             dark.push(long.mean);
         }
     }
-    let middle = dark.len() / 2;
-    (dark.len() * 100 > count).then(|| *dark.select_nth_unstable_by(middle, f64::total_cmp).1 / 255.0)
+    let is_enough = dark.len() * 100 > count;
+    median(&mut dark).filter(|_| is_enough).map(|code| code / 255.0)
 }
 
 /// Flat blocks of a channel (0..3); `black` is the code of black, share of the largest code.

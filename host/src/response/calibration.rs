@@ -12,6 +12,7 @@ use super::blocks::{Block, Sample, black_level, flat_blocks};
 use super::spline::{Basis, Normal};
 use super::{Response, ResponseError};
 use crate::camera::{Codes, Frame};
+use crate::quantile::{median, quantile};
 pub use doubt::DoubtfulFrame;
 use doubt::{doubtful, without};
 
@@ -278,11 +279,7 @@ fn usual(fit: &Fit, blocks: &[Block]) -> f64 {
         .flat_map(|(block, found)| block.samples.iter().zip(found))
         .map(|(sample, residual)| residual.abs() / fit.variance(sample).sqrt())
         .collect();
-    if all.is_empty() {
-        return f64::INFINITY;
-    }
-    let middle = all.len() / 2;
-    (1.4826 * *all.select_nth_unstable_by(middle, f64::total_cmp).1).max(1.0)
+    median(&mut all).map_or(f64::INFINITY, |usual| (1.4826 * usual).max(1.0))
 }
 
 /// The smoothest curve that predicts blocks it has not seen about as well as the best one does.
@@ -368,8 +365,7 @@ fn rows(fits: &[Fit], blocks: &[Vec<Block>; 3], black: f64, steps: usize) -> Vec
 /// The code above black that all but a few samples exceed.
 fn toe_of(blocks: &[Block]) -> f64 {
     let mut codes: Vec<f64> = blocks.iter().flat_map(|block| &block.samples).map(|sample| sample.code).collect();
-    let at = (codes.len() as f64 * TOE) as usize;
-    if codes.is_empty() { 1.0 } else { *codes.select_nth_unstable_by(at, f64::total_cmp).1 }
+    quantile(&mut codes, TOE).unwrap_or(1.0)
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use super::parameters::{self, COUNT, NAMES, ORIENTATION, SPREAD, STEPS, of_model
 use super::{Found, PathFit, Sighting};
 use crate::least_squares::{Matrix, Solution, minimise};
 use crate::lens::{Lens, LensFile};
+use crate::quantile::median;
 use crate::sunpath::spot::Spot;
 
 /// Turns of fitting and looking again.
@@ -56,11 +57,7 @@ fn offsets(lens: &Lens, picks: &[Pick<'_>]) -> Option<Vec<[f64; 2]>> {
 /// were fitted to.
 fn deviation(offsets: &[[f64; 2]], parameters: usize) -> f64 {
     let mut distances: Vec<f64> = offsets.iter().map(|[x, y]| x.hypot(*y)).collect();
-    let middle = distances.len() / 2;
-    if distances.is_empty() {
-        return LEAST_DEVIATION_PX;
-    }
-    let (_, &mut median, _) = distances.select_nth_unstable_by(middle, f64::total_cmp);
+    let Some(median) = median(&mut distances) else { return LEAST_DEVIATION_PX };
     let numbers = 2.0 * offsets.len() as f64;
     let freed = numbers / (numbers - parameters as f64).max(1.0);
     (median / 1.1774 * freed.sqrt()).max(LEAST_DEVIATION_PX)

@@ -6,6 +6,7 @@
 
 use crate::camera::Frame;
 use crate::grey::LinearGrey;
+use crate::quantile::median;
 use crate::response::Response;
 
 /// Share of the frame's peak.
@@ -137,8 +138,7 @@ impl SpotFinder {
             }
         }
         let peak = near.iter().map(|pixel| pixel.1).fold(0.0, f64::max);
-        let middle = ring.len() / 2;
-        let (_, &mut around, _) = ring.select_nth_unstable_by(middle, f64::total_cmp);
+        let around = median(&mut ring)?;
         if peak < CONTRAST * around {
             return None;
         }

@@ -2,6 +2,7 @@
 
 use super::super::blocks::Block;
 use super::{Fit, fit_all};
+use crate::quantile::median;
 
 /// A frame whose residual is larger is looked at (a twentieth of a stop is .035).
 const DOUBTFUL: f64 = 0.05;
@@ -31,8 +32,8 @@ fn frame_residual(blocks: &[Vec<Block>; 3], fits: &[Fit], frame: usize) -> f64 {
         .filter(|(sample, _)| sample.frame == frame)
         .map(|(_, residual)| *residual)
         .collect();
-    let middle = all.len() / 2;
-    if all.len() < 16 { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    let is_enough = all.len() >= 16;
+    median(&mut all).filter(|_| is_enough).unwrap_or(0.0)
 }
 
 /// A frame without which all the others fit at least four times better, and by how much its exposure is off.
