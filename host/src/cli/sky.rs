@@ -34,7 +34,7 @@ relume sky merge FRAMES_DIR [--response CURVE.csv] [--sensor ELECTRONS,READ] [--
 relume sky weights MAP --field FIELD [--lens LENS.json] [--sun AZ,ALT] [--colour CAMERA.json] [--env-rot DEG]
                 [--json] -o W.csv
   Weights for the field's patches.
-  --lens LENS.json      MAP is a camera's picture, as `sky merge` without --lens gives it; left out, a lat-long map
+  --lens LENS.json      MAP is a camera's picture, as `sky merge` without --lat-long gives it; left out, a lat-long map
   --sun AZ,ALT          with --lens: where the sun stands
   --colour CAMERA.json  with --lens: the camera's colours; Rec.709 if left out
   --env-rot DEG         without --lens: turns the map about +Y
