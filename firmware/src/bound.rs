@@ -199,10 +199,15 @@ const SLACK: f32 = 1.0001;
 
 #[inline(always)]
 fn dot(mode: &[[u8; 4]], rest: &[f32]) -> f32 {
-    let mut lanes = [0.0f32; 8];
-    for (mode, rest) in mode.chunks(8).zip(rest.chunks(8)) {
-        lanes.iter_mut().zip(mode.iter().zip(rest)).for_each(|(sum, (z, r))| *sum += f32::from_le_bytes(*z) * r);
+    let mut lanes = [0.0f32; LANE_PAD];
+    let ((modes, mode_end), (rests, rest_end)) = (mode.as_chunks::<LANE_PAD>(), rest.as_chunks::<LANE_PAD>());
+    for (mode, rest) in modes.iter().zip(rests) {
+        for k in 0..LANE_PAD {
+            lanes[k] += f32::from_le_bytes(mode[k]) * rest[k];
+        }
     }
+    let ends = mode_end.iter().zip(rest_end);
+    lanes.iter_mut().zip(ends).for_each(|(sum, (z, r))| *sum += f32::from_le_bytes(*z) * r);
     lanes.iter().sum()
 }
 

@@ -55,22 +55,18 @@ impl Coefficients {
     }
 
     /// Brings `sums[k] * scale(k)` to 16 bits by a power of two of the block and channel, and derives the unit.
-    fn set_channel(&mut self, c: usize, sums: &[i32], scales: impl Iterator<Item = u16>, exponent: i32) {
-        let mut full = [0i64; MAX_RANK];
-        let full = &mut full[..sums.len()];
-        for ((full, &sum), scale) in full.iter_mut().zip(sums).zip(scales) {
-            *full = i64::from(sum) * i64::from(scale);
-        }
-        let largest = full.iter().fold(0, |all, full| all | full.unsigned_abs());
+    fn set_channel(&mut self, c: usize, sums: &[i32], scales: impl Iterator<Item = u16> + Clone, exponent: i32) {
+        let products = || sums.iter().zip(scales.clone()).map(|(&sum, scale)| i64::from(sum) * i64::from(scale));
+        let largest = products().fold(0, |all, full| all | full.unsigned_abs());
         let fit = (64 - largest.leading_zeros() as i32 - 15).max(0);
         // What would round up to 32768 takes a doubling more, and so does a unit that would be too small.
         let fit = fit + i32::from(rounding_shift(largest as i64, fit as u32) > 32767);
         let fit = fit.max((SMALLEST_UNIT - exponent).min(62));
         // product * 2^(fit + exponent) is radiance times exposure; a unit that is out of range is as good as its limit.
         self.unit[c] = libm::scalbnf(1.0, (fit + exponent).max(SMALLEST_UNIT)).min(UNIT_LIMIT);
-        for (pair, full) in self.pairs[c].iter_mut().zip(full.chunks(2)) {
-            let q = |full: i64| rounding_shift(full, fit as u32).clamp(-32767, 32767) as i32;
-            *pair = q(full[0]) & 0xffff | q(full.get(1).copied().unwrap_or(0)) << 16;
+        let mut codes = products().map(|full| rounding_shift(full, fit as u32).clamp(-32767, 32767) as i32);
+        for pair in &mut self.pairs[c][..sums.len().div_ceil(2)] {
+            *pair = codes.next().unwrap_or(0) & 0xffff | codes.next().unwrap_or(0) << 16;
         }
     }
 
@@ -156,6 +152,11 @@ impl Sides {
     /// The further one.
     pub fn most(self) -> f32 {
         self.down.max(self.up)
+    }
+
+    /// What holds for both.
+    pub fn widest(self, other: Sides) -> Sides {
+        Sides { down: self.down.max(other.down), up: self.up.max(other.up) }
     }
 }
 

@@ -268,6 +268,17 @@ impl Off {
         self
     }
 
+    /// What holds for both, where the sun's light of neither has moved.
+    pub fn widest(self, other: &Off) -> Off {
+        let most = |a: [f32; 3], b: [f32; 3]| core::array::from_fn(|c| a[c].max(b[c]));
+        Off {
+            sky: [0, 1].map(|kind| core::array::from_fn(|c| self.sky[kind][c].widest(other.sky[kind][c]))),
+            rows: most(self.rows, other.rows),
+            rows_root: most(self.rows_root, other.rows_root),
+            ..Off::default()
+        }
+    }
+
     fn add_sky(&mut self, other: &[[Sides; 3]; 2]) {
         self.sky.iter_mut().flatten().zip(other.iter().flatten()).for_each(|(own, other)| *own += *other);
     }
@@ -337,9 +348,14 @@ impl DrawnTile {
         self.dimmest
     }
 
-    /// Was it drawn in the light of this sun and without patches apart?
+    /// Was it drawn in the light of this sun?
     pub fn is_under(&self, sun_q16: [u32; 3]) -> bool {
-        self.sun_q16 == sun_q16 && self.apart_count == 0
+        self.sun_q16 == sun_q16
+    }
+
+    /// Were no patches shown by rows of their own?
+    pub fn is_by_factors(&self) -> bool {
+        self.apart_count == 0
     }
 
     /// A bound on what the rows of patches apart change, per channel.

@@ -132,7 +132,7 @@ impl<'a> Tile<'a> {
     }
 
     /// Scales of all ranks of channel `c`.
-    pub fn v_scales(&self, c: usize) -> impl Iterator<Item = u16> + use<'a> {
+    pub fn v_scales(&self, c: usize) -> impl Iterator<Item = u16> + Clone + use<'a> {
         let scales = &self.v_scale.as_chunks::<2>().0[c * self.v_rank()..][..self.v_rank()];
         scales.iter().map(|scale| u16::from_le_bytes(*scale))
     }

@@ -93,6 +93,12 @@ impl RowFacts {
         self.unit * top * top
     }
 
+    /// No true response is larger, over row scale; as `rest` counts it.
+    pub fn most(&self) -> f32 {
+        let root = f32::from(self.top) + 0.5;
+        self.unit * root * root + self.rest
+    }
+
     /// Largest error of any pixel in all, as `rest` counts it.
     pub fn error(&self) -> f32 {
         let top = f32::from(self.top);

@@ -7,6 +7,7 @@ mod counters;
 mod draw;
 mod file;
 mod frame;
+mod influence;
 mod levels;
 mod reading;
 mod restore;
@@ -25,6 +26,7 @@ use crate::damage::Damage;
 use crate::weights::PatchWeights;
 use blocks::{Block, Projected};
 use budget::Pace;
+use influence::{Influence, Lights};
 use levels::Levels;
 use rayon::prelude::*;
 use relume_firmware::bound::CodeSlope;
@@ -58,6 +60,8 @@ pub struct Relighter<'f> {
     sun: SunPlane,
     blocks: Vec<Block>,
     states: Vec<TileState>,
+    influence: Option<Influence>,
+    lights: Lights,
     budget: Budget,
     pace: Pace,
     choice: Choice,
@@ -102,7 +106,6 @@ impl<'f> Relighter<'f> {
         };
         Relighter {
             field,
-            tiles,
             kernel,
             light: ViewLight::new(),
             slope: CodeSlope::new(),
@@ -113,6 +116,9 @@ impl<'f> Relighter<'f> {
             given: PatchWeights { radiance: vec![[0.0; 3]; patches], sun: None },
             exposure: 1.0,
             sun: SunPlane::new(&field),
+            influence: Influence::new(&field, (&tiles, &states)),
+            lights: Lights::new(patches),
+            tiles,
             blocks,
             states,
             budget: Budget::default(),
@@ -234,7 +240,8 @@ impl<'f> Relighter<'f> {
             && given.radiance == self.given.radiance
         {
             self.counters.sun_traced = false;
-            (self.counters.blocks_projected, self.counters.blocks_stepped, self.counters.patches_changed) = (0, 0, 0);
+            self.counters.patches_changed = 0;
+            self.counters.count_blocks([0; 3]);
             return Ok(());
         }
         self.started = Instant::now();
@@ -242,6 +249,7 @@ impl<'f> Relighter<'f> {
         self.given.radiance.clone_from(&given.radiance);
         self.given.sun = sun;
         self.exposure = exposure;
+        self.lights.set(&given.radiance, exposure);
         self.new_weights = true;
         self.moment += 1;
         self.levels.unpack(&self.field, &self.tiles);
@@ -278,22 +286,34 @@ impl<'f> Relighter<'f> {
                 self.levels.prepare(&self.field, level, &self.given, self.exposure);
             }
         }
+        let spares = new_weights && self.may_stand();
+        let (sun_q16, slope, lights) = (self.shown_sun_q16(), &self.slope, &self.lights);
+        let influence = self.influence.as_ref().filter(|_| spares);
         let (field, levels, kernel) = ((&self.field, &*self.tiles), &self.levels, self.kernel);
         let project = |(index, block): (usize, &mut Block)| {
-            let how = block.project(field, index, levels, kernel, new_weights);
-            (usize::from(how == Projected::Whole), usize::from(how == Projected::Stepped))
+            let then = block.standing.moment().and_then(|moment| lights.of(moment));
+            let stays = influence.zip(then).is_some_and(|(influence, then)| {
+                let change = influence.moved(index, (then, lights.newest()), kernel);
+                block.stays_unprojected(slope, sun_q16, change)
+            });
+            match if stays { block.lag() } else { block.project(field, index, levels, kernel, new_weights) } {
+                Projected::Kept => [0; 3],
+                Projected::Whole => [1, 0, 0],
+                Projected::Stepped => [0, 1, 0],
+                Projected::Spared => [0, 0, 1],
+            }
         };
-        let add = |a: (usize, usize), b: (usize, usize)| (a.0 + b.0, a.1 + b.1);
+        let add = |a: [usize; 3], b: [usize; 3]| std::array::from_fn(|k| a[k] + b[k]);
         let blocks = &mut self.blocks;
-        let (whole, stepped) = if self.alone {
-            blocks.iter_mut().enumerate().map(project).fold((0, 0), add)
+        let counts = if self.alone {
+            blocks.iter_mut().enumerate().map(project).fold([0; 3], add)
         } else {
             install(self.pool.as_ref(), || {
-                blocks.par_iter_mut().enumerate().with_min_len(8).map(project).reduce(|| (0, 0), add)
+                blocks.par_iter_mut().enumerate().with_min_len(8).map(project).reduce(|| [0; 3], add)
             })
         };
-        let before = if new_weights { (0, 0) } else { (self.counters.blocks_projected, self.counters.blocks_stepped) };
-        (self.counters.blocks_projected, self.counters.blocks_stepped) = add(before, (whole, stepped));
+        let before = if new_weights { [0; 3] } else { self.counters.blocks_counted() };
+        self.counters.count_blocks(add(before, counts));
     }
 }
 

@@ -81,6 +81,8 @@ pub struct Counts {
     pub blocks_projected: f64,
     /// Blocks to which only changed patches were added.
     pub blocks_stepped: f64,
+    /// Blocks that were not projected, because none of their tiles could show the change.
+    pub blocks_spared: f64,
     /// Patches read.
     pub patches_changed: f64,
 }
@@ -124,6 +126,7 @@ impl Counts {
             tiles_kept: mean(|c| c.tiles_kept),
             blocks_projected: mean(|c| c.blocks_projected),
             blocks_stepped: mean(|c| c.blocks_stepped),
+            blocks_spared: mean(|c| c.blocks_spared),
             patches_changed: mean(|c| c.patches_changed),
         }
     }
@@ -304,7 +307,7 @@ impl std::fmt::Display for SkippingReport {
             writeln!(
                 f,
                 "13 patches x {:<4} {:.3} ms, {:.1}x less ({:.1}x at worst); tiles drawn {:.1}, by an oracle {:.1}; \
-                 blocks projected {:.1}, stepped {:.1}; patches read {:.1}",
+                 blocks projected {:.1}, stepped {:.1}, spared {:.1}; patches read {:.1}",
                 n.factor,
                 n.cpu_ms,
                 n.times_less_than_full_frame_median,
@@ -313,6 +316,7 @@ impl std::fmt::Display for SkippingReport {
                 n.tiles_drawn_by_oracle,
                 n.counters.blocks_projected,
                 n.counters.blocks_stepped,
+                n.counters.blocks_spared,
                 n.counters.patches_changed
             )?;
         }

@@ -20,6 +20,8 @@ pub(super) struct Block {
     sums: Vec<i32>,
     /// Do the sums belong to the newest weights of `level`?
     current: bool,
+    /// Do all of its tiles stay, so that the coefficients were left to be those of older weights?
+    lags: bool,
     /// How much of the way back is taken.
     pub(super) level: usize,
     /// Bounds on the error of the factors, `[plain, weighted][channel]`; 0 where the field has none.
@@ -32,6 +34,8 @@ pub(super) struct Block {
 pub(super) enum Projected {
     /// They were right already.
     Kept,
+    /// They lag behind, because all tiles stay.
+    Spared,
     /// The changed patches were added.
     Stepped,
     /// All lit patches were read.
@@ -47,6 +51,7 @@ impl Block {
             coefficients: Coefficients::ZERO,
             sums: vec![0; sums],
             current: false,
+            lags: false,
             level: 0,
             bound: [[0.0; 3]; 2],
             standing: Standing::new(field, index, (tiles, states)),
@@ -64,6 +69,17 @@ impl Block {
         self.current = false;
     }
 
+    /// Leaves the coefficients behind the newest weights, which change no tile ([`Block::stays_unprojected`]).
+    pub(super) fn lag(&mut self) -> Projected {
+        (self.current, self.lags) = (false, true);
+        Projected::Spared
+    }
+
+    /// Are its coefficients those of older weights?
+    pub(super) fn lags(&self) -> bool {
+        self.lags
+    }
+
     /// Brings the coefficients to the newest weights. `new_weights`: they changed since the last call.
     pub(super) fn project(
         &mut self,
@@ -74,6 +90,7 @@ impl Block {
         new_weights: bool,
     ) -> Projected {
         let Some(tile) = self.tile.map(|tile| &tiles[tile]) else { return Projected::Kept };
+        self.lags = false;
         let step = levels.step().filter(|_| self.current && self.level == 0 && new_weights);
         let level = levels.get(self.level);
         if self.current && (!new_weights || step.is_some_and(|step| step.is_none())) {

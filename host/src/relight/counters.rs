@@ -23,6 +23,8 @@ pub struct FrameCounters {
     pub blocks_projected: usize,
     /// Blocks to whose coefficients only the changed patches were added.
     pub blocks_stepped: usize,
+    /// Blocks that were not projected, because no patch changed so much that any of their tiles could show it.
+    pub blocks_spared: usize,
     /// Patches of the field.
     pub patches: usize,
     /// Patches without light: not read.
@@ -42,4 +44,16 @@ pub struct FrameCounters {
     pub bound_linear: Option<f32>,
     /// No 8-bit code is further from that of the uncompressed response than this, rounding included.
     pub bound_codes: Option<f32>,
+}
+
+impl FrameCounters {
+    /// Blocks projected from scratch, stepped and spared.
+    pub(super) fn blocks_counted(&self) -> [usize; 3] {
+        [self.blocks_projected, self.blocks_stepped, self.blocks_spared]
+    }
+
+    /// Notes [`FrameCounters::blocks_counted`].
+    pub(super) fn count_blocks(&mut self, counts: [usize; 3]) {
+        [self.blocks_projected, self.blocks_stepped, self.blocks_spared] = counts;
+    }
 }

@@ -28,6 +28,7 @@ impl Relighter<'_> {
         }
         self.look_at(view);
         let only_view = self.shown.is_some_and(|(_, _, moment)| self.settled && moment == self.moment);
+        self.catch_up(view.identity);
         if !only_view {
             self.find_standing();
         }
@@ -80,21 +81,40 @@ impl Relighter<'_> {
     }
 
     /// Can blocks be looked at instead of tiles? Not within an error budget, which needs each tile's own bound, nor where the
-    /// sun's response has moved, patches are shown by their own rows, or fewer ranks are used.
-    fn may_stand(&self) -> bool {
+    /// sun's response has moved, or fewer ranks are used.
+    pub(super) fn may_stand(&self) -> bool {
         self.levels.bounds(&self.field).is_some()
             && !matches!(self.budget, Budget::ErrorCodes(_))
             && self.rank_limit.is_none()
             && !self.counters.sun_traced
-            && self.levels.get(0).weights.apart().next().is_none()
     }
 
-    /// Finds the blocks whose tiles all may stay.
+    /// Projects the blocks that lag behind the newest weights and must be drawn all the same, before this view.
+    fn catch_up(&mut self, view: u64) {
+        let (possible, response) = (self.may_stand(), self.field.response());
+        let (field, levels, states) = ((&self.field, &*self.tiles), &self.levels, &self.states);
+        for (index, block) in self.blocks.iter_mut().enumerate().filter(|(_, block)| block.lags()) {
+            let stays = possible && block.standing.stays().is_some();
+            if !stays || response.tiles_of(index).any(|tile| states[tile].must_be_drawn(view)) {
+                block.standing.forget();
+                block.project(field, index, levels, self.kernel, false);
+            }
+        }
+    }
+
+    /// Finds the blocks whose tiles all may stay, beside those that were not even projected.
     fn find_standing(&mut self) {
         let possible = self.may_stand();
+        let by_factors = self.levels.get(0).weights.apart().next().is_none();
         let (slope, sun_q16) = (&self.slope, self.shown_sun_q16());
-        for block in &mut self.blocks {
-            if possible { block.stand(slope, sun_q16) } else { block.standing.forget() }
+        for block in self.blocks.iter_mut().filter(|block| !block.lags()) {
+            // Once the light is not known any more in which tiles were looked at, they are looked at again.
+            let possible = possible && block.standing.moment().is_none_or(|moment| self.lights.of(moment).is_some());
+            match (possible, by_factors) {
+                (true, true) => block.stand(slope, sun_q16),
+                (true, false) => block.standing.look_again(),
+                (false, _) => block.standing.forget(),
+            }
         }
     }
 
@@ -105,16 +125,21 @@ impl Relighter<'_> {
         }
         let (moment, sun_q16) = (self.moment, self.shown_sun_q16());
         let response = self.field.response();
-        for (index, block) in self.blocks.iter_mut().enumerate() {
+        let mut looked_at = false;
+        for (index, block) in self.blocks.iter_mut().enumerate().filter(|(_, block)| block.tile.is_some()) {
             let drawn = response.tiles_of(index).fold(false, |any, tile| self.states[tile].was_drawn() | any);
             if drawn || block.standing.stays().is_none() {
+                looked_at = true;
                 block.remember(response.tiles_of(index).map(|tile| &self.states[tile]), (moment, sun_q16));
             }
+        }
+        if looked_at {
+            self.lights.remember(moment);
         }
     }
 
     /// The sun's weight in what is drawn.
-    fn shown_sun_q16(&self) -> [u32; 3] {
+    pub(super) fn shown_sun_q16(&self) -> [u32; 3] {
         self.given.sun.map_or([0; 3], |_| self.levels.get(0).weights.sun_q16())
     }
 

@@ -1,8 +1,9 @@
 //! Blocks whose tiles all stay as they are: found for all four at once, before any is looked at by itself.
 //!
 //! A tile may stay while no code of it moves by half a code from what was drawn. For a block it is remembered how far its
-//! tiles had moved at most when they were last looked at, and under which coefficients; what the coefficients moved since is
-//! added, for the widest reach and the dimmest pixel of its tiles.
+//! tiles had moved at most when they were last looked at, and in which light; what has moved since is added, for the dimmest
+//! pixel of its tiles. First what the light of each patch can move at all ([`super::influence`]), before anything is
+//! projected; where that is too much, what the coefficients moved, for the widest reach.
 
 use super::blocks::Block;
 use super::tiles::TileState;
@@ -16,6 +17,10 @@ use relume_firmware::tile::Tile;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stand {
     pub(super) moved: [[Sides; 3]; 2],
+    /// How far what it shows may be from what is meant.
+    pub(super) off: Off,
+    /// Is it shown by the factors alone, beside the sun?
+    pub(super) by_factors: bool,
     pub(super) dimmest: Dimmest,
     pub(super) dark_shares: [f32; 3],
 }
@@ -23,8 +28,9 @@ pub(super) struct Stand {
 /// One block's.
 #[derive(Clone, Debug)]
 pub(super) struct Standing {
-    /// Of its tiles together, under `coefficients` and `sun_q16`; `None`: they are not alike.
+    /// Of its tiles together, in the light of `moment`; `None`: they are not alike.
     stand: Option<Stand>,
+    moment: u64,
     coefficients: Coefficients,
     sun_q16: [u32; 3],
     size: TileSize,
@@ -43,12 +49,22 @@ impl Standing {
         let mut reach = vec![0.0; tiles().map(|index| states[index].reach().0.len()).max().unwrap_or(0)];
         tiles().for_each(|index| states[index].reach().join(&size_of(index), &mut reach));
         let coefficients = Coefficients::ZERO;
-        Standing { stand: None, coefficients, sun_q16: [0; 3], size, reach, stays: None }
+        Standing { stand: None, moment: 0, coefficients, sun_q16: [0; 3], size, reach, stays: None }
     }
 
     /// Do all tiles stay? Then with these bounds.
     pub(super) fn stays(&self) -> Option<(f32, f32)> {
         self.stays
+    }
+
+    /// The moment whose light the tiles were last looked at in, if more is known of it.
+    pub(super) fn moment(&self) -> Option<u64> {
+        self.stand.map(|_| self.moment)
+    }
+
+    /// The newest light is another.
+    pub(super) fn look_again(&mut self) {
+        self.stays = None;
     }
 
     /// Nothing is known of the tiles any more.
@@ -58,11 +74,31 @@ impl Standing {
 }
 
 impl Block {
-    /// Finds whether all tiles may stay in the newest light, whose sun has this weight.
+    /// Finds whether all tiles may stay in the newest light, whose sun has this weight, before it is projected: since they
+    /// were looked at, no pixel has moved by more than `change`.
+    pub(super) fn stays_unprojected(&mut self, slope: &CodeSlope, sun_q16: [u32; 3], change: [Sides; 3]) -> bool {
+        let standing = &mut self.standing;
+        standing.stays = None;
+        let Some(stand) = standing.stand.filter(|_| self.level == 0 && standing.sun_q16 == sun_q16) else {
+            return false;
+        };
+        let change = Off::of_sky([change; 2]);
+        let codes = stand.dimmest.codes(slope, &stand.dark_shares, &Off::of_sky(stand.moved).and_moved(&change));
+        let stays = codes < HALF_CODE;
+        if stays {
+            let off = stand.off.and_moved(&change);
+            standing.stays = Some((off.linear(), stand.dimmest.codes_rounded(slope, &stand.dark_shares, &off)));
+        }
+        stays
+    }
+
+    /// Finds whether all tiles may stay in the newest light, of which nothing is shown by rows of patches, and whose sun has
+    /// this weight.
     pub(super) fn stand(&mut self, slope: &CodeSlope, sun_q16: [u32; 3]) {
         let standing = &mut self.standing;
         standing.stays = None;
-        let Some(stand) = standing.stand.filter(|_| self.level == 0 && standing.sun_q16 == sun_q16) else { return };
+        let comparable = |stand: &Stand| stand.by_factors && self.level == 0 && standing.sun_q16 == sun_q16;
+        let Some(stand) = standing.stand.filter(comparable) else { return };
         // The row units are in the reach.
         let unit = TileSize { row_unit: [1.0; 3], ..standing.size };
         let change = self.coefficients.change_bound(&standing.coefficients, &unit, &TileReach(&standing.reach));
@@ -86,6 +122,7 @@ impl Block {
         let joined = stands.reduce(|a, b| a.zip(b).map(|(a, b)| a.and(b))).flatten();
         self.standing.stand = joined.filter(|_| self.level == 0);
         if self.standing.stand.is_some() {
+            self.standing.moment = moment;
             self.standing.coefficients.copy_from(&self.coefficients);
             self.standing.sun_q16 = sun_q16;
         }
@@ -95,9 +132,11 @@ impl Block {
 impl Stand {
     /// What holds for both.
     fn and(self, other: Stand) -> Stand {
-        let most = |a: Sides, b: Sides| Sides { down: a.down.max(b.down), up: a.up.max(b.up) };
+        let widest = |kind: usize| core::array::from_fn(|c| self.moved[kind][c].widest(other.moved[kind][c]));
         Stand {
-            moved: [0, 1].map(|kind: usize| core::array::from_fn(|c| most(self.moved[kind][c], other.moved[kind][c]))),
+            moved: [0, 1].map(widest),
+            off: self.off.widest(&other.off),
+            by_factors: self.by_factors && other.by_factors,
             dimmest: self.dimmest.min(other.dimmest),
             dark_shares: core::array::from_fn(|c| self.dark_shares[c].max(other.dark_shares[c])),
         }

@@ -37,6 +37,8 @@ pub(super) struct TileState {
     dark_shares: [f32; 3],
     /// How far the sky's light of `moment` has moved since the tile was drawn; `None`: known of its block only.
     moved: Option<[[Sides; 3]; 2]>,
+    /// How far what is shown may be from the light of `moment`, where `moved` is known.
+    off: Off,
     /// Was it drawn with the newest frame?
     drawn_now: bool,
     /// Have its pixels been written since they were asked for last?
@@ -66,6 +68,7 @@ impl TileState {
             reach,
             dark_shares: dark_shares(tile),
             moved: None,
+            off: Off::default(),
             drawn_now: false,
             is_new: false,
             shown_bound: (0.0, 0.0),
@@ -166,8 +169,15 @@ impl TileState {
     /// How far the sky's light has moved, if the tile shows that of `moment` and nothing but the sky's has moved.
     pub(super) fn stand(&self, moment: u64, sun_q16: [u32; 3]) -> Option<Stand> {
         let alike = self.is_drawn && self.moment == moment && self.level == 0 && self.sun.is_still();
-        let stand = Stand { moved: self.moved?, dimmest: self.drawn.dimmest(), dark_shares: self.dark_shares };
+        let (dimmest, dark_shares) = (self.drawn.dimmest(), self.dark_shares);
+        let stand =
+            Stand { moved: self.moved?, off: self.off, by_factors: self.drawn.is_by_factors(), dimmest, dark_shares };
         (alike && self.drawn.is_under(sun_q16)).then_some(stand)
+    }
+
+    /// Will it be drawn whatever the light of its block, before this view?
+    pub(super) fn must_be_drawn(&self, view: u64) -> bool {
+        !self.empty && (!self.is_drawn || self.shows_other_view(view) && !self.knows_edges())
     }
 
     /// Was it drawn since this was asked last?
@@ -177,6 +187,7 @@ impl TileState {
 
     /// `error`: how far what is shown may be from what is meant.
     fn note_bound(&mut self, drawing: &Drawing<'_>, error: Off) {
+        self.off = error;
         self.shown_bound =
             (error.linear(), self.drawn.dimmest().codes_rounded(drawing.slope, &self.dark_shares, &error));
     }

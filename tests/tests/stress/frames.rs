@@ -126,7 +126,7 @@ fn kept_tiles_are_within_a_code_of_a_new_picture() {
     let mut chance = light::Chance(11);
     let mut given = light::captured(&stress.patches, 4, 0.4);
     let [mut shown, mut fresh] = [0; 2].map(|_| Shown::new(&stress, Kernel::detect()));
-    let (mut kept, mut drawn) = (0, 0);
+    let (mut kept, mut drawn, mut spared) = (0, 0, 0);
     for frame in 0..60 {
         let step = [0.0005f32, 0.003, 0.02][frame / 4 % 3];
         for _ in 0..6 {
@@ -149,9 +149,36 @@ fn kept_tiles_are_within_a_code_of_a_new_picture() {
         }
         kept += counters.tiles_kept;
         drawn += counters.tiles_drawn;
+        spared += counters.blocks_spared;
     }
-    println!("a wandering sky: {drawn} tiles drawn, {kept} kept");
+    println!("a wandering sky: {drawn} tiles drawn, {kept} kept, {spared} blocks not even projected");
     assert!(kept > drawn, "{kept} of {drawn}");
+    assert!(spared > 60, "{spared}");
+}
+
+/// A sky that trembles about what it was, patches that are shown by their own rows among it: nothing is projected, the picture
+/// stays within its bound (which [`Shown::frame`] checks), and a frame that must draw everything shows the newest light.
+#[test]
+fn a_trembling_sky_costs_no_projection() {
+    let stress = StressField::new(64, (95, 63), 0.004, &[Matter::Street, Matter::Checkers, Matter::Holes], 1.0);
+    let mut chance = light::Chance(5);
+    for base in [light::captured(&stress.patches, 4, 0.4), light::torch(&stress.patches, 9, 30.0)] {
+        let mut shown = Shown::new(&stress, Kernel::detect());
+        shown.frame(&base, 0.4);
+        let mut given = base.clone();
+        for frame in 0..200 {
+            given.clone_from(&base);
+            given.iter_mut().for_each(|rgb| *rgb = rgb.map(|v| v * (1.0 + 0.0004 * (2.0 * chance.unit() - 1.0))));
+            let counters = shown.frame(&given, 0.4);
+            let at_work = counters.blocks_projected + counters.blocks_stepped;
+            assert!(10 * at_work <= counters.blocks && counters.tiles_drawn == 0, "{frame}: {counters:?}");
+        }
+        let mut fresh = Shown::new(&stress, Kernel::detect());
+        fresh.frame(&given, 0.4);
+        shown.relighter.redraw();
+        shown.frame(&given, 0.4);
+        assert_eq!(shown.framebuffer.pixels, fresh.framebuffer.pixels);
+    }
 }
 
 /// However little time there is, a frame says how far off it is, and a still sky's picture gets finished; with time enough
