@@ -128,7 +128,7 @@ def speed():
     theirs = sorted(taken)[len(taken) // 2]
     program = RELUME.parent / "examples" / "merge_speed"
     own = float(subprocess.run([str(program)], capture_output=True, text=True, check=True).stdout.split()[0])
-    print(f"merge 4 x 1280x960 RGB, one thread: {own:.1f} ms; OpenCV {theirs:.1f} ms CPU, {theirs / own:.1f} times as long")
+    print(f"merge 4 x 1280x960 RGB, one thread: {own:.1f} ms CPU; OpenCV {theirs:.1f} ms CPU, {theirs / own:.1f} times as long")
 
 
 def main():

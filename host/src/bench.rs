@@ -51,6 +51,7 @@ mod tilemap;
 pub use arbitrary::{LightsReport, OneLight, SinglePatches};
 pub use bounds::{BoundsReport, SkyBounds};
 pub use budget::Budget;
+pub use clock::{cpu_s, median};
 pub use error::{Errors, Summary, compare, exposure_for, srgb_code, summarise, unrounded_code};
 pub use figure::figure;
 pub use openblas::LIBRARY_VARIABLE;

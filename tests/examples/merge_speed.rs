@@ -1,10 +1,10 @@
 //! CPU time of merging 4 frames of 1280x960 RGB, 8 bits, on one thread: `cargo run --release -p relume-tests --example
-//! merge_speed`. Prints milliseconds, median and least of 31 series, ghost rejection included.
+//! merge_speed`. Prints CPU milliseconds, median and least of 31 series, ghost rejection included.
 
+use relume::bench::{cpu_s, median};
 use relume::bracket::{MergeSettings, Merged, Merger};
 use relume::response::Response;
 use relume_tests::skycamera::{Sensor, exposures, settings, take};
-use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut camera = settings(Sensor::Film, 7);
@@ -15,14 +15,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut merged = Merged::default();
     let mut times_ms = Vec::new();
     for _ in 0..32 {
-        let start = Instant::now();
+        let start = cpu_s();
         merger.merge(&series.frames, &mut merged)?;
-        times_ms.push(1e3 * start.elapsed().as_secs_f64());
+        times_ms.push(1e3 * (cpu_s() - start));
     }
     let report = merger.report();
     times_ms.remove(0);
-    times_ms.sort_by(f64::total_cmp);
-    println!("{:.2} {:.2}", times_ms[times_ms.len() / 2], times_ms[0]);
+    println!("{:.2} {:.2}", median(&times_ms), times_ms.iter().copied().fold(f64::INFINITY, f64::min));
     eprintln!("{} ghost pixels, {:?}", report.ghost_pixels, report.noise);
     Ok(())
 }

@@ -53,7 +53,7 @@ fn caption(moment: &Moment) -> String {
 }
 
 /// Shares of the work that a moment was spared, per cent: (name, share).
-pub(super) fn spared(moment: &Moment) -> [(&'static str, f64); 3] {
+pub(super) fn spared(moment: &Moment) -> [(&'static str, f64); 4] {
     let counters = &moment.counters;
     let share = |part: usize, whole: usize| 100.0 * part as f64 / whole.max(1) as f64;
     let with_geometry = counters.tiles_drawn + counters.tiles_kept;
@@ -61,6 +61,7 @@ pub(super) fn spared(moment: &Moment) -> [(&'static str, f64); 3] {
         ("tiles kept as drawn, of those with geometry", share(counters.tiles_kept, with_geometry)),
         ("tiles without geometry", share(counters.tiles_empty, counters.tiles)),
         ("patches without light", share(counters.patches_dark, counters.patches)),
+        ("blocks not even projected, of those with geometry", share(counters.blocks_spared, counters.blocks)),
     ]
 }
 
@@ -68,7 +69,8 @@ fn skipped(hours: &[Moment], drift: &[Moment]) -> Canvas {
     let chart = |title: &str, x: Axis, moments: &[Moment], at: &dyn Fn(&Moment) -> f64| {
         let y = Axis::linear("skipped, %").with_range(0.0, 100.0);
         let mut chart = Chart::new(title, x, y);
-        for (index, name) in ["tiles kept", "tiles without geometry", "patches without light"].into_iter().enumerate() {
+        let names = ["tiles kept", "tiles without geometry", "patches without light", "blocks not projected"];
+        for (index, name) in names.into_iter().enumerate() {
             let points = moments.iter().map(|moment| (at(moment), spared(moment)[index].1)).collect();
             chart = chart.with(Series::line(name, points).with_markers());
         }
