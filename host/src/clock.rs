@@ -26,6 +26,8 @@ pub struct Moment {
 pub struct PostClock {
     config: ClockConfig,
     started: Instant,
+    /// When the newest frame was due, after the start.
+    due: Duration,
     not_before_unix_s: f64,
     synchronised: Synchronised,
 }
@@ -38,6 +40,7 @@ impl PostClock {
         PostClock {
             config,
             started: Instant::now(),
+            due: Duration::ZERO,
             not_before_unix_s: made.max(EARLIEST_UNIX_S),
             synchronised: Synchronised::of_system(),
         }
@@ -64,19 +67,24 @@ impl PostClock {
         self.synchronised.is_likely()
     }
 
-    /// Waits until frame `number` is due; returns early when `stop` is set.
-    pub fn wait_for(&self, number: u64, stop: &AtomicBool) {
-        let pace_s = match self.config {
-            ClockConfig::System { interval_s } => interval_s,
-            ClockConfig::Simulated { step_s, speed: Some(speed), .. } => step_s / speed,
-            ClockConfig::Simulated { speed: None, .. } => return,
-        };
-        let due = Duration::try_from_secs_f64(pace_s * number as f64).unwrap_or(Duration::MAX);
+    /// Waits until the next frame is due; returns early when `stop` is set. Frames that were missed are left out.
+    pub fn wait(&mut self, stop: &AtomicBool) {
+        let Some(pace_s) = self.pace_s() else { return };
+        let pace = Duration::try_from_secs_f64(pace_s).unwrap_or(Duration::MAX);
+        self.due = next_due(self.due, self.started.elapsed(), pace);
         while !stop.load(Ordering::Relaxed) {
-            match due.checked_sub(self.started.elapsed()) {
+            match self.due.checked_sub(self.started.elapsed()) {
                 Some(left) if !left.is_zero() => std::thread::sleep(left.min(SLICE)),
                 _ => return,
             }
+        }
+    }
+
+    /// From frame to frame; `None` where nothing is waited for.
+    fn pace_s(&self) -> Option<f64> {
+        match self.config {
+            ClockConfig::System { interval_s } => Some(interval_s),
+            ClockConfig::Simulated { step_s, speed, .. } => speed.map(|speed| step_s / speed),
         }
     }
 
@@ -90,6 +98,14 @@ impl PostClock {
     }
 }
 
+/// When the frame after the one that was due at `last` is due: a `pace` later, or at the newest of such moments that has
+/// passed. A frame that is late by less than a pace thus leaves the beat as it was, and whoever was held up for longer goes on
+/// in the beat instead of running after it.
+fn next_due(last: Duration, now: Duration, pace: Duration) -> Duration {
+    let passed = now.saturating_sub(last).as_nanos().checked_div(pace.as_nanos()).unwrap_or(1);
+    last.saturating_add(pace.saturating_mul(passed.clamp(1, u128::from(u32::MAX)) as u32))
+}
+
 fn unix_s(time: SystemTime) -> f64 {
     time.duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
 }
@@ -101,8 +117,8 @@ mod tests {
     #[test]
     fn a_simulated_clock_steps_and_does_not_wait() {
         let config = ClockConfig::Simulated { start_unix_s: 100.0, step_s: 60.0, speed: None };
-        let clock = PostClock::start(config, None);
-        clock.wait_for(1_000_000, &AtomicBool::new(false));
+        let mut clock = PostClock::start(config, None);
+        clock.wait(&AtomicBool::new(false));
         assert_eq!(clock.now(3), Moment { unix_s: 280.0, trusted: true });
     }
 
@@ -118,9 +134,40 @@ mod tests {
 
     #[test]
     fn a_stop_ends_the_wait_at_once() {
-        let clock = PostClock::start(ClockConfig::System { interval_s: 3600.0 }, None);
+        let mut clock = PostClock::start(ClockConfig::System { interval_s: 3600.0 }, None);
         let begun = Instant::now();
-        clock.wait_for(1, &AtomicBool::new(true));
+        clock.wait(&AtomicBool::new(true));
         assert!(begun.elapsed() < Duration::from_secs(5));
+    }
+
+    #[test]
+    fn missed_frames_are_left_out_and_the_beat_is_kept() {
+        let ms = Duration::from_millis;
+        let next = |last, now| next_due(ms(last), ms(now), ms(100));
+        assert_eq!(next(0, 30), ms(100), "in time");
+        assert_eq!(next(100, 230), ms(200), "a little late: the beat stays");
+        assert_eq!(next(100, 1730), ms(1700), "held up: sixteen beats on, at once");
+        assert_eq!(next(1700, 1735), ms(1800), "and in the beat again");
+        // A loop whose frames take 10 ms, after a start of 5 s: one frame at once, then one a beat.
+        let (mut due, mut now, mut shown) = (ms(0), ms(5000), Vec::new());
+        for _ in 0..4 {
+            due = next_due(due, now, ms(100));
+            now = now.max(due);
+            shown.push(now);
+            now += ms(10);
+        }
+        assert_eq!(shown, [5000, 5100, 5200, 5300].map(ms));
+        assert_eq!(next_due(ms(7), ms(1 << 40), Duration::ZERO), ms(7), "no pace: at once");
+        assert_eq!(next_due(ms(7), ms(8), Duration::MAX), Duration::MAX);
+    }
+
+    #[test]
+    fn a_clock_that_was_held_up_waits_again_after_one_frame() {
+        let mut clock = PostClock::start(ClockConfig::System { interval_s: 0.05 }, None);
+        clock.started -= Duration::from_secs(500);
+        let (stop, begun) = (AtomicBool::new(false), Instant::now());
+        (0..4).for_each(|_| clock.wait(&stop));
+        // The first at once, three more in the beat; 10,000 missed frames would not wait at all.
+        assert!(begun.elapsed() >= Duration::from_millis(100), "{:?}", begun.elapsed());
     }
 }

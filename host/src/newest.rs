@@ -11,7 +11,7 @@ const REST: Duration = Duration::from_millis(200);
 pub const SILENCE: Duration = Duration::from_secs(10);
 /// How long a wait goes on after a stop was asked for, at most.
 const SLICE: Duration = Duration::from_millis(20);
-/// How long the end waits for the thread before it leaves it behind; a post has two, and a second.
+/// How long the thread has to end after it was told to, before it is left behind: a post ends within a second.
 const GRACE: Duration = Duration::from_millis(400);
 
 /// What the thread has to tell.
@@ -41,6 +41,8 @@ pub enum Told<E> {
 pub struct Newest<T, E> {
     news: Arc<Mutex<News<T, E>>>,
     stop: Arc<AtomicBool>,
+    /// When it was told to.
+    stopped: Option<Instant>,
     thread: Option<JoinHandle<()>>,
     heard: Instant,
 }
@@ -62,18 +64,27 @@ impl<T: Default + Send + 'static, E: Send + 'static> Newest<T, E> {
         let (its_news, its_stop) = (Arc::clone(&news), Arc::clone(&stop));
         let work = move || go_on(make, is_end, &its_news, (&its_stop, pace));
         let thread = Some(Builder::new().name(name.into()).spawn(work)?);
-        Ok(Newest { news, stop, thread, heard: Instant::now() })
+        Ok(Newest { news, stop, stopped: None, thread, heard: Instant::now() })
     }
 }
 
 impl<T, E> Newest<T, E> {
-    /// Waits for the first news, no longer than `limit`.
-    pub fn wait(&mut self, limit: Duration) {
+    /// Waits for the first news, no longer than `limit`, and not on when `stop` is set.
+    pub fn wait(&mut self, limit: Duration, stop: &AtomicBool) {
         let begun = Instant::now();
         let nothing_new = |news: &News<T, E>| !news.is_new && news.fault.is_none();
-        while begun.elapsed() < limit && nothing_new(&self.news.lock().unwrap_or_else(PoisonError::into_inner)) {
+        while begun.elapsed() < limit
+            && !stop.load(Ordering::Relaxed)
+            && nothing_new(&self.news.lock().unwrap_or_else(PoisonError::into_inner))
+        {
             std::thread::sleep(SLICE);
         }
+    }
+
+    /// Has the thread end as soon as it can, without waiting for that.
+    pub fn stop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.stopped.get_or_insert_with(Instant::now);
     }
 
     /// Exchanges `into` for what is newer, if anything is. Never waits: the thread holds the lock for no longer than such an
@@ -152,10 +163,10 @@ fn go_on<T: Default, E>(
 
 impl<T, E> Drop for Newest<T, E> {
     fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        let (Some(thread), begun) = (self.thread.take(), Instant::now()) else { return };
+        self.stop();
+        let (Some(thread), Some(stopped)) = (self.thread.take(), self.stopped) else { return };
         while !thread.is_finished() {
-            if begun.elapsed() > GRACE {
+            if stopped.elapsed() > GRACE {
                 return;
             }
             std::thread::sleep(Duration::from_millis(5));
@@ -232,5 +243,19 @@ mod tests {
         let begun = Instant::now();
         drop(newest);
         assert!(begun.elapsed() < Duration::from_secs(10));
+    }
+
+    #[test]
+    fn a_stop_ends_the_wait_for_the_first_and_the_thread() {
+        let (sender, mut newest) = started();
+        let begun = Instant::now();
+        newest.wait(Duration::from_secs(1000), &AtomicBool::new(true));
+        newest.stop();
+        // The thread ends after what it has in hand, though its maker would go on.
+        sender.send(Ok(1)).unwrap();
+        while !newest.thread.as_ref().unwrap().is_finished() {
+            assert!(begun.elapsed() < Duration::from_secs(100));
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 }

@@ -24,7 +24,7 @@ pub trait Painter {
     /// When the weights do not fit; the picture stays as it was.
     fn relight(&mut self, weights: &PatchWeights, exposure: f32) -> anyhow::Result<Option<String>>;
 
-    /// The direction of the sun whose light is shown; it may lag behind the newest weights'.
+    /// The direction of the sun whose light is shown; it may lag behind the newest weights'. `None` where none is shown.
     fn sun_dir_world(&self) -> Option<[f32; 3]> {
         None
     }

@@ -10,6 +10,7 @@ use crate::failure::{Failure, OrFail};
 use crate::health::{Health, ViewState, WELL, WeightsState};
 use crate::labels::{Labels, News};
 use crate::lightlog::LightLog;
+use crate::outfile::clear_leftovers;
 use crate::painter::Painter;
 use crate::picture::write_png;
 use crate::relight::FrameCounters;
@@ -29,6 +30,9 @@ use std::time::{Duration, Instant};
 
 /// How often the state is written, and shown where it is, when nothing in it changes.
 const HEALTH_INTERVAL: Duration = Duration::from_secs(1);
+
+/// The pictures that are written on demand.
+const PICTURES: [&str; 2] = ["view", "screenshot"];
 
 /// What a post did, when it has ended.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -184,6 +188,8 @@ impl<'p> Post<'p> {
     /// # Errors
     /// When the display or the painter fails for good; a failing sky only shows in the state.
     pub fn run(mut self, told: &Signals) -> Result<PostReport, Failure> {
+        let pictures = PICTURES.map(|name| self.picture_file(name));
+        [&self.health_file].into_iter().chain(&pictures).for_each(|file| clear_leftovers(file));
         let first = self.parts.clock.now(0).unix_s;
         let (ended, moment) = loop {
             let moment = self.parts.clock.now(self.frames);
@@ -201,9 +207,11 @@ impl<'p> Post<'p> {
             if told.picture.swap(false, Ordering::Relaxed) {
                 self.take_picture();
             }
-            self.parts.clock.wait_for(self.frames, &told.stop);
+            self.parts.clock.wait(&told.stop);
         };
         self.watchdog.iter_mut().for_each(Watchdog::stopping);
+        self.parts.sky.stop();
+        self.behind.iter_mut().for_each(Behind::stop);
         self.tell(moment, true);
         Ok(PostReport {
             frames: self.frames,
@@ -279,12 +287,17 @@ impl<'p> Post<'p> {
         self.held.weights.sun.map(|sun| position_of(sun.dir_world, self.parts.painter.north_deg()))
     }
 
+    fn picture_file(&self, name: &str) -> PathBuf {
+        self.health_file.with_file_name(name).with_extension("png")
+    }
+
     /// Writes the picture shown as a PNG beside the state, after a live view that is behind it.
     fn take_picture(&self) {
         let (width, height) = self.parts.painter.size();
-        let view = self.behind.as_ref().map(|_| ("view", self.parts.painter.view_bgrx()));
-        for (name, pixels_bgrx) in view.into_iter().chain([("screenshot", &*self.shown)]) {
-            let path = self.health_file.with_file_name(name).with_extension("png");
+        let view = self.behind.as_ref().map(|_| self.parts.painter.view_bgrx());
+        let pictures = PICTURES.into_iter().zip([view, Some(&*self.shown)]);
+        for (name, pixels_bgrx) in pictures.filter_map(|(name, pixels)| Some((name, pixels?))) {
+            let path = self.picture_file(name);
             match write_png(&path, width, height, pixels_bgrx) {
                 Ok(()) => eprintln!("{name}: {}", path.display()),
                 Err(error) => eprintln!("{name}: {error}"),

@@ -177,9 +177,15 @@ impl<'f> Relighter<'f> {
         self.sun.set_step_deg(step_deg);
     }
 
-    /// The direction of the sun whose light is shown; behind the newest weights' while a tracer is at work.
+    /// The direction of the sun whose light is shown; behind the newest weights' while a tracer is at work, `None` before the
+    /// first is traced.
     pub fn sun_dir_world(&self) -> Option<[f32; 3]> {
         self.given.sun.and(self.sun.dir_world())
+    }
+
+    /// Is there a sun whose light is not shown yet, because it is the first and still being traced?
+    pub fn awaits_sun(&self) -> bool {
+        self.given.sun.is_some() && self.sun.dir_world().is_none()
     }
 
     /// Has a tracer finished? Then setting the same weights once more takes its work.
@@ -318,7 +324,7 @@ impl<'f> Relighter<'f> {
 }
 
 impl Relighter<'static> {
-    /// Traces the sun on a thread of its own from its second direction on: frames go on with the one before.
+    /// Traces the sun on a thread of its own: frames go on with the direction before, the first ones without the sun.
     ///
     /// # Errors
     /// When the system has no thread to give.

@@ -84,4 +84,7 @@ pub trait SkySource {
     /// # Errors
     /// [`SkyFault`]; the post holds what it had, and `into` may be anything.
     fn read(&mut self, moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault>;
+
+    /// The post ends: a thread of its own may, too.
+    fn stop(&mut self) {}
 }

@@ -78,6 +78,21 @@ def connector_renamed(check):
     check.stop()
 
 
+def mode_gone(check):
+    """The mode in use is none of the monitor's any more, as after a change of monitors, and comes back."""
+    # Of another size than any that every monitor offers.
+    width, height = (side + 52 for side in map(int, check.size.split("x")))
+    check.board.resize_monitor(width, height)
+    check.open(mode=f"{width}x{height}")
+    check.board.resize_monitor(width + 60, height + 60)
+    check.until(f"has no mode {width}x{height}")
+    told = check.health()["state"].split("; it has")[0]
+    check.board.resize_monitor(width, height)
+    took = check.until("ok")
+    check.must(True, f"mode gone: {told}; well again after {took:.1f} s")
+    check.stop()
+
+
 def camera_taken(check, **post):
     """Another program has the camera when the post starts."""
     holder = check.board.start("exec usbcam-probe hold")
@@ -146,7 +161,13 @@ def kills(check, chance, times=3):
         check.health()  # whole, or not there
     took = check.open()
     moments = " ".join(f"{moment:.1f}" for moment in moments)
-    check.must(True, f"{times} x kill -9, {moments} s after the start: then well after {took:.1f} s")
+    # A file that is being written is gone when it is looked for again.
+    unfinished = lambda: {file.name for file in check.board.out.glob(".*.tmp")}
+    left = unfinished()
+    time.sleep(2)
+    left &= unfinished()
+    check.must(not left, f"{times} x kill -9, {moments} s after the start: then well after {took:.1f} s, no file left half written "
+                         f"{' '.join(left)}")
 
 
 def power_cuts(check, chance, times=1):

@@ -44,7 +44,7 @@ white_balance_k = 6500
 {camera}
 [display]
 kind = "kms"
-mode = "{size}"
+mode = "{mode}"
 {display}
 [run]
 interval_s = 0.1
@@ -79,9 +79,10 @@ class PostCheck(Findings):
         self.board.wait_for("plugged at port", "usbcam.log", PATIENCE_S)
 
     def write_post(self, health="/out/health.json", device="Relume Sky Camera", lens="/out/lens.json", camera="max_gain = 8",
-                   display='buffers = "dumb"'):
+                   display='buffers = "dumb"', mode=None):
         """The post's file, with these values."""
-        values = {"health": health, "device": device, "lens": lens, "camera": camera, "display": display, "size": self.size}
+        values = {"health": health, "device": device, "lens": lens, "camera": camera, "display": display,
+                  "mode": mode or self.size}
         (self.board.out / "POST.toml").write_text(POST.format(**values))
 
     def start(self, **values):
@@ -222,8 +223,9 @@ class PostCheck(Findings):
 
     def ends(self):
         """It ends when told."""
-        done = self.board.sh("cut -d' ' -f1 /proc/uptime; kill -TERM $(pidof relume); "
-                             "while pidof relume > /dev/null; do sleep 0.05; done; cut -d' ' -f1 /proc/uptime")
+        # Programs that look for a process take longer to start here than a post to end.
+        done = self.board.sh("look() { read now rest < /proc/uptime; echo $now; }; post=$(pidof relume); look; kill -TERM $post; "
+                             "while [ -d /proc/$post ]; do usleep 5000; done; look")
         begun, ended = (float(line) for line in done.output.split())
         self.must(self.post.wait().status == 0, f"SIGTERM: ends with 0 after {ended - begun:.2f} s")
 
@@ -264,7 +266,7 @@ class PostCheck(Findings):
         return [
             self.pictures, self.camera_faults, lambda: faults.camera_and_display_gone(self), self.display_faults,
             lambda: faults.monitor_moved(self), self.clock_faults, self.no_leak, self.ends, self.by_gbm,
-            lambda: faults.driver_faults(self), self.disk_full, self.by_chance,
+            lambda: faults.driver_faults(self), lambda: faults.mode_gone(self), self.disk_full, self.by_chance,
         ]
 
 

@@ -45,6 +45,10 @@ fn folder() -> &'static Path {
         let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
         build.args(["build", "--quiet", "--locked", "--workspace", "--bins"]).current_dir(env!("CARGO_MANIFEST_DIR"));
         build.args(release.then_some("--release"));
+        // As the tests were built with, or everything would be compiled once more.
+        if let Ok(features) = std::env::var("RELUME_TEST_FEATURES") {
+            build.args(["--features", &features]);
+        }
         build.env("CARGO_TARGET_DIR", folder.parent().expect("target/PROFILE"));
         let built = build.output().expect("cargo runs");
         assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));

@@ -15,6 +15,7 @@ use relume_tests::files::{fresh_folder, put};
 use relume_tests::scene::{Mesh, Picture as Texture, checks_png, courtyard, cuboid, glb, ground};
 use std::f64::consts::PI;
 use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
 fn baked(
     name: &str,
@@ -167,6 +168,36 @@ fn this_machines_kernel_draws_what_the_scalar_one_draws() {
             assert!(a.rgb.iter().flatten().zip(b.rgb.iter().flatten()).all(|(a, b)| a.to_bits() == b.to_bits()));
             assert!(a.rgb.iter().flatten().any(|&v| v > 0.0));
         }
+    }
+}
+
+#[test]
+fn a_sun_that_is_traced_behind_frames_is_shown_once_it_is_traced() {
+    let field = Field::new(yard()).unwrap();
+    let mut weights = random_weights(1, field.patch_set().len());
+    let mut behind = Relighter::new(field, 1);
+    behind.trace_behind().unwrap();
+    let mut frame = |weights: &PatchWeights| {
+        behind.set_weights(weights, 1.0).unwrap();
+        (behind.radiance(), behind.sun_dir_world(), behind.awaits_sun())
+    };
+    let (first, ..) = frame(&weights);
+    let sky = PatchWeights { sun: None, ..weights.clone() };
+    assert!(first == relit(yard(), &sky), "the first frame waits for no sun");
+    let (whole, begun) = (relit(yard(), &weights), Instant::now());
+    assert!(whole != first);
+    // The thread takes the direction that it was given first; then the one that the sun has gone on to.
+    for step in 0..2 {
+        let shown = loop {
+            match frame(&weights) {
+                (_, None, waits) => assert!(waits && begun.elapsed().as_secs() < 100),
+                (shown, dir, _) if dir == weights.sun.map(|sun| sun.dir_world) => break shown,
+                _ => assert!(step == 1 && begun.elapsed().as_secs() < 100),
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        };
+        assert!(shown == relit(yard(), &weights), "direction {step}");
+        weights.sun = weights.sun.map(|sun| SunWeight { dir_world: [0.48, 0.6, 0.64], ..sun });
     }
 }
 

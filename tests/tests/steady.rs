@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+use relume::camera::unpack::{Layout, Matrix, PixelFormat, Range, Unpacker, YuvCoding};
 use relume::camera::{Camera, CameraError, CameraLimits, Exposure, Frame as CameraFrame};
 use relume::clock::{Moment, PostClock};
 use relume::config::{ClockConfig, Config};
@@ -166,4 +167,34 @@ fn frames_of_a_drifting_sky_allocate_nothing() {
 #[test]
 fn frames_of_a_live_view_allocate_nothing() {
     run_steadily("live", Some(Box::new(CameraView::new("camera", Box::new(Moving(0)), (64, 48)))));
+}
+
+/// MJPG is the one format whose unpacking asks for memory: that of the decoder (zune-jpeg by `image`), which makes its tables
+/// and rows for every picture and gives them back. Nothing of ours comes on top.
+#[test]
+fn a_jpeg_picture_allocates_in_its_decoder_alone() {
+    use image::ImageDecoder;
+    use image::codecs::jpeg::{JpegDecoder, JpegEncoder};
+    let (width, height) = (96, 72);
+    let picture = image::RgbImage::from_fn(width, height, |x, y| image::Rgb([(2 * x) as u8, (3 * y) as u8, 77]));
+    let mut bytes = Vec::new();
+    JpegEncoder::new_with_quality(&mut bytes, 90).encode_image(&picture).unwrap();
+    let coding = YuvCoding { range: Range::Limited, matrix: Matrix::Bt601 };
+    let size = (width as usize, height as usize);
+    let layout = Layout { format: PixelFormat::Jpeg, width: size.0, height: size.1, stride: 0, coding };
+    let (mut unpacker, mut frame) = (Unpacker::new(layout).unwrap(), CameraFrame::default());
+    let mut codes = vec![0; 3 * size.0 * size.1];
+    let mut decode = || JpegDecoder::new(std::io::Cursor::new(&bytes[..])).unwrap().read_image(&mut codes).unwrap();
+    unpacker.unpack(&bytes, &mut frame).unwrap();
+    decode();
+    let before = allocations();
+    decode();
+    let decoders = allocations() - before;
+    for _ in 0..20 {
+        let before = allocations();
+        unpacker.unpack(&bytes, &mut frame).unwrap();
+        assert_eq!(allocations() - before, decoders, "beside the decoder's");
+    }
+    eprintln!("an MJPG picture: {decoders} allocations, all of them the decoder's");
+    assert!(decoders > 0, "the counter counts");
 }

@@ -1,6 +1,7 @@
 //! Files that appear whole or not at all: written beside their place, then renamed into it.
 
 use super::failure::Failure;
+use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -36,13 +37,38 @@ impl From<OutError> for Failure {
     }
 }
 
-/// Checks that `path` can be written, before any work is done: its folder exists and takes a new file.
+/// Checks that `path` can be written, before any work is done: its folder exists and takes a new file. What killed programs
+/// left of it is cleared away.
 ///
 /// # Errors
 /// [`OutError::Place`], or [`OutError::Write`] where the disk is already full.
 pub fn check_writable(path: &Path) -> Result<(), OutError> {
     let path = resolve(path)?;
-    if is_special(&path) { Ok(()) } else { temp_beside(&path).map(drop) }
+    if is_special(&path) {
+        return Ok(());
+    }
+    clear_leftovers(&path);
+    temp_beside(&path).map(drop)
+}
+
+/// Removes the temporary files that programs which were killed while they wrote `path` left beside it. Those that a program
+/// is writing are locked by it, and stay.
+pub fn clear_leftovers(path: &Path) {
+    let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+    let (Some(name), Ok(entries)) = (path.file_name(), fs::read_dir(folder_of(&path))) else { return };
+    let prefix = temp_prefix(name);
+    for entry in entries.flatten() {
+        let is_temp = is_temp_name(&entry.file_name().to_string_lossy(), &prefix);
+        if is_temp && entry.file_type().is_ok_and(|kind| kind.is_file()) && is_left(&entry.path()) {
+            // One that cannot be removed does no more harm than before.
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// Is nobody writing this file?
+fn is_left(temp: &Path) -> bool {
+    File::open(temp).is_ok_and(|file| file.try_lock().is_ok())
 }
 
 /// Writes `path` through `fill`: into a temporary file in the same folder, flushed to the disk, then renamed.
@@ -94,20 +120,40 @@ fn temp_beside(path: &Path) -> Result<tempfile::NamedTempFile, OutError> {
     let Some(name) = path.file_name() else {
         return Err(place("it has no file name; name a file".into()));
     };
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
+    let folder = folder_of(path);
     if !folder.is_dir() {
         return Err(place(format!("the folder {} does not exist; create it first", folder.display())));
     }
-    let prefix = format!(".{}.", name.to_string_lossy());
-    tempfile::Builder::new()
-        .prefix(&prefix)
-        .suffix(".tmp")
+    let temp = tempfile::Builder::new()
+        .prefix(&temp_prefix(name))
+        .rand_bytes(TEMP_RANDOM)
+        .suffix(TEMP_SUFFIX)
         .permissions(fs::Permissions::from_mode(0o666))
         .tempfile_in(folder)
-        .map_err(|e| if is_full(&e) { write_error(path, &e) } else { place(advice(&e)) })
+        .map_err(|e| if is_full(&e) { write_error(path, &e) } else { place(advice(&e)) })?;
+    // The lock ends with the program, however that ends. A file system without locks has none to tell leftovers by either.
+    let _ = temp.as_file().lock();
+    Ok(temp)
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// A temporary file of `a.json` is `.a.json.XXXXXX.tmp`, with random letters and digits.
+const TEMP_RANDOM: usize = 6;
+const TEMP_SUFFIX: &str = ".tmp";
+
+fn temp_prefix(name: &OsStr) -> String {
+    format!(".{}.", name.to_string_lossy())
+}
+
+fn is_temp_name(name: &str, prefix: &str) -> bool {
+    let random = name.strip_prefix(prefix).and_then(|rest| rest.strip_suffix(TEMP_SUFFIX));
+    random.is_some_and(|random| random.len() == TEMP_RANDOM && random.bytes().all(|byte| byte.is_ascii_alphanumeric()))
 }
 
 fn is_full(error: &io::Error) -> bool {
@@ -147,6 +193,24 @@ mod tests {
         assert!(matches!(&error, Err(OutError::Write { reason, .. }) if reason.contains("disk is full")), "{error:?}");
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(names(folder.path()), ["a.txt"]);
+    }
+
+    #[test]
+    fn what_a_killed_program_left_is_cleared_away_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        // As after `kill -9`: the name stays, the lock is gone.
+        let left = temp_beside(&path).unwrap().keep().unwrap();
+        drop(left.0);
+        let in_use = temp_beside(&path).unwrap();
+        let others = [".a.txt.abc12.tmp", ".a.txt.abc_12.tmp", ".b.txt.abc123.tmp", "a.txt.abc123.tmp", ".a.txt.abc123"];
+        others.iter().for_each(|name| fs::write(folder.path().join(name), "").unwrap());
+        assert!(left.1.exists() && names(folder.path()).len() == 7);
+        check_writable(&path).unwrap();
+        assert!(!left.1.exists() && in_use.path().exists());
+        assert_eq!(names(folder.path()).len(), 6);
+        drop(in_use);
+        clear_leftovers(Path::new("/no/such/folder/a.txt"));
     }
 
     #[test]

@@ -19,6 +19,7 @@ use anyhow::Context;
 use serde::Serialize;
 use std::cell::RefCell;
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 /// Frames a second.
@@ -69,7 +70,7 @@ pub fn run(field: &Path) -> anyhow::Result<LoopReport> {
         let camera = Moving { size: (size.0 / parts, size.1 / parts), number: 0 };
         let view = CameraView::new("camera", Box::new(camera), size);
         let mut view = BackgroundView::start(view, Duration::from_secs_f64(1.0 / PACE))?;
-        view.wait(FIRST_PICTURE);
+        view.wait(FIRST_PICTURE, &AtomicBool::new(false));
         Ok(Box::new(view))
     };
     Ok(LoopReport {

@@ -25,6 +25,7 @@ use crate::view::Still;
 use crate::watchdog::Watchdog;
 use relume_firmware::field::Field;
 use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 pub(super) const COMMAND: Command = Command {
@@ -103,7 +104,7 @@ fn run(config: &Config, setup: bool, signals: &Signals) -> Result<PostReport, Fa
     let made = std::fs::metadata(&config.field).and_then(|meta| meta.modified()).ok();
     let mut painter = FieldPainter::new(field, still, 0);
     painter.set_budget(config.budget).or_bad()?;
-    let view = view::live_view(config, (width, height))?;
+    let view = view::live_view(config, (width, height), &signals.stop)?;
     if view.is_some() {
         painter.expect_live_view();
     }
@@ -112,7 +113,7 @@ fn run(config: &Config, setup: bool, signals: &Signals) -> Result<PostReport, Fa
     }
     let clock = PostClock::start(config.clock, made);
     let parts = Parts {
-        sky: sky_source(config, &field, &clock)?,
+        sky: sky_source(config, &field, &clock, &signals.stop)?,
         view,
         display: display(config, (width, height))?,
         painter: Box::new(painter),
@@ -154,14 +155,19 @@ pub(super) fn no_drivers(config: &Config, what: &str) -> Failure {
 
 /// The source of light that the post's file asks for. By the system's clock it has a thread of its own; by a simulated one
 /// every frame has its own light.
-fn sky_source(config: &Config, field: &Field<'_>, clock: &PostClock) -> Result<Box<dyn SkySource>, Failure> {
+fn sky_source(
+    config: &Config,
+    field: &Field<'_>,
+    clock: &PostClock,
+    stop: &AtomicBool,
+) -> Result<Box<dyn SkySource>, Failure> {
     let source = open_source(config, field)?;
     if matches!(config.clock, ClockConfig::Simulated { .. }) || config.sky == SkyKind::Logged {
         return Ok(source);
     }
     let pace = if config.sky == SkyKind::Camera { Duration::ZERO } else { MODEL_PACE };
     let mut sky = Background::start(source, clock.clone(), pace).or_runtime()?;
-    sky.wait(FIRST_LIGHT);
+    sky.wait(FIRST_LIGHT, stop);
     Ok(Box::new(sky))
 }
 

@@ -108,7 +108,8 @@ impl Painter for FieldPainter<'_> {
             None => (weights, None),
         };
         self.relighter.set_weights(weights, exposure)?;
-        Ok(note)
+        let waits = || self.relighter.awaits_sun().then(|| "the sun is being traced, and not shown yet".into());
+        Ok(note.or_else(waits))
     }
 
     fn sun_dir_world(&self) -> Option<[f32; 3]> {

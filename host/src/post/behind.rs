@@ -35,6 +35,11 @@ impl<'p> Behind<'p> {
         }
     }
 
+    /// The post ends.
+    pub(super) fn stop(&mut self) {
+        self.source.stop();
+    }
+
     pub(super) fn state(&self) -> ViewState {
         self.state
     }

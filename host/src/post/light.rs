@@ -87,12 +87,14 @@ impl Post<'_> {
     fn log(&mut self, moment: Moment, exposures: &[f32]) {
         let Some(log) = &mut self.light_log else { return };
         let weights = &self.held.weights;
+        // A sun that is still being traced is not in the picture.
+        let sun = weights.sun.zip(self.parts.painter.sun_dir_world());
         let light = LoggedLight {
             frame: self.frames,
             unix_s: moment.unix_s,
             exposures: exposures.to_vec(),
             radiance: weights.radiance.clone(),
-            sun: weights.sun.map(|sun| (self.parts.painter.sun_dir_world().unwrap_or(sun.dir_world), sun.irradiance)),
+            sun: sun.map(|(sun, dir_world)| (dir_world, sun.irradiance)),
         };
         if let Err(error) = log.add(&light) {
             eprintln!("{error}");

@@ -136,7 +136,11 @@ fn run_with(
     };
     let mut post = Post::new(&config, parts);
     prepare(&mut post);
+    // As programs that were killed leave them.
+    let left = [".health.json.a1B2c3.tmp", ".screenshot.png.a1B2c3.tmp"].map(|name| config.health.with_file_name(name));
+    left.iter().for_each(|file| std::fs::write(file, "").unwrap());
     let report = post.run(&Signals::default());
+    assert!(!left.iter().any(|file| file.exists()), "leftovers stay");
     let health = std::fs::read_to_string(&config.health).unwrap_or_default();
     let seen = seen.borrow().clone();
     (report, seen, health)

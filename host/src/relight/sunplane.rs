@@ -1,5 +1,5 @@
 //! The sun's response plane for one direction of the sun, traced anew when the sun has moved: at once, or on a thread of its
-//! own while frames go on under the plane before.
+//! own while frames go on under the plane before, at first without the sun.
 
 use super::suntracer::SunTracer;
 use crate::sun::angle_deg;
@@ -49,7 +49,7 @@ impl SunPlane {
         self.step_deg = step_deg.max(0.0);
     }
 
-    /// Traces on a thread of its own from the second direction on.
+    /// Traces on a thread of its own. Until the first plane is there, nothing comes of the sun.
     pub(super) fn trace_behind(&mut self, field: Field<'static>) -> std::io::Result<()> {
         self.tracer = Some(SunTracer::start(field)?);
         Ok(())
@@ -79,7 +79,7 @@ impl SunPlane {
     ) -> Option<&[Change]> {
         let is_far = |old: [f32; 3], step_deg| old != dir_world && angle_deg(old, dir_world) >= step_deg;
         let moved = self.dir_world.is_none_or(|old| is_far(old, self.step_deg));
-        if let (Some(tracer), Some(_)) = (&mut self.tracer, self.dir_world) {
+        if let Some(tracer) = &mut self.tracer {
             let traced = tracer.take(&mut self.fresh);
             if moved && traced.is_none() {
                 tracer.ask(dir_world);

@@ -3,6 +3,7 @@
 use super::{SkyFault, SkyReading, SkySource};
 use crate::clock::{Moment, PostClock};
 use crate::newest::{Newest, SILENCE, Told};
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 /// The newest reading of a source that has a thread of its own.
@@ -18,9 +19,9 @@ impl Background {
         Newest::start("sky", look, |fault| matches!(fault, SkyFault::Ended), pace).map(Background)
     }
 
-    /// Waits for the first news, no longer than `limit`.
-    pub fn wait(&mut self, limit: Duration) {
-        self.0.wait(limit);
+    /// Waits for the first news, no longer than `limit`, and not on when `stop` is set.
+    pub fn wait(&mut self, limit: Duration, stop: &AtomicBool) {
+        self.0.wait(limit, stop);
     }
 }
 
@@ -35,6 +36,10 @@ impl SkySource for Background {
                 Err(SkyFault::Failed(format!("{what}: nothing came for {} s", SILENCE.as_secs())))
             }
         }
+    }
+
+    fn stop(&mut self) {
+        self.0.stop();
     }
 }
 

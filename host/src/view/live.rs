@@ -3,6 +3,7 @@
 use super::fit::Fit;
 use crate::camera::{Camera, CameraError, Frame};
 use crate::newest::{Newest, SILENCE, Told};
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 /// One picture of the view.
@@ -21,6 +22,9 @@ pub trait ViewSource {
     /// # Errors
     /// [`CameraError`]; the post holds what it had, and asks again with the next frame.
     fn read(&mut self, into: &mut ViewPicture) -> Result<bool, CameraError>;
+
+    /// The post ends: a thread of its own may, too.
+    fn stop(&mut self) {}
 }
 
 /// A camera's pictures, each waited for.
@@ -67,9 +71,9 @@ impl BackgroundView {
         Ok(BackgroundView { name, newest })
     }
 
-    /// Waits for the first picture or fault, no longer than `limit`.
-    pub fn wait(&mut self, limit: Duration) {
-        self.newest.wait(limit);
+    /// Waits for the first picture or fault, no longer than `limit`, and not on when `stop` is set.
+    pub fn wait(&mut self, limit: Duration, stop: &AtomicBool) {
+        self.newest.wait(limit, stop);
     }
 }
 
@@ -85,6 +89,10 @@ impl ViewSource for BackgroundView {
                 Err(CameraError::Device { path: self.name.clone(), what })
             }
         }
+    }
+
+    fn stop(&mut self) {
+        self.newest.stop();
     }
 }
 

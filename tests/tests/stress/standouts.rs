@@ -19,8 +19,7 @@ fn what_was_added_to_an_expected_sky_is_found() {
     for seed in 0..40 {
         let mut chance = Chance(seed);
         let given = light::captured(&stress.patches, seed, 1.0);
-        let expected: PatchLight = (0..patches).map(|patch| expected(&bounds, &given, patch)).collect();
-        let mut sky = expected.clone();
+        let mut sky = expected(&bounds, &given);
         let mut added: Vec<Apart> = vec![];
         for _ in 0..seed % 6 {
             let (patch, size) = (chance.below(patches), mean(&sky) * (12.0 + 200.0 * chance.unit()));
@@ -53,15 +52,17 @@ fn what_was_added_to_an_expected_sky_is_found() {
     }
 }
 
-/// What the modes have of a light in one patch; light is not negative.
-fn expected(bounds: &relume_firmware::bound::Bounds<'_>, given: &PatchLight, patch: usize) -> [f32; 3] {
-    core::array::from_fn(|c| {
-        let of_mode = |k: usize| {
-            let part: f32 = given.iter().enumerate().map(|(at, rgb)| bounds.mode_at(k, at) * rgb[c]).sum();
-            part * bounds.mode_at(k, patch)
-        };
-        (0..bounds.modes()).map(of_mode).sum::<f32>().max(0.0)
-    })
+/// What the modes have of a light, patch by patch; light is not negative.
+fn expected(bounds: &relume_firmware::bound::Bounds<'_>, given: &PatchLight) -> PatchLight {
+    let parts: Vec<[f32; 3]> = (0..bounds.modes())
+        .map(|k| core::array::from_fn(|c| given.iter().enumerate().map(|(at, rgb)| bounds.mode_at(k, at) * rgb[c]).sum()))
+        .collect();
+    let patch = |patch: usize| {
+        core::array::from_fn(|c| {
+            parts.iter().enumerate().map(|(k, part)| part[c] * bounds.mode_at(k, patch)).sum::<f32>().max(0.0)
+        })
+    };
+    (0..given.len()).map(patch).collect()
 }
 
 /// A bright cluster, which the modes are bent to: each patch of it is found, although its neighbours hide it.
@@ -73,7 +74,7 @@ fn neighbours_that_hide_each_other_are_found() {
     let (mut missing, mut all) = (0, 0);
     for seed in 0..20 {
         let given = light::captured(&stress.patches, seed, 1.0);
-        let mut sky: PatchLight = (0..given.len()).map(|patch| expected(&bounds, &given, patch)).collect();
+        let mut sky = expected(&bounds, &given);
         let centre = stress.patches.dir_world(Chance(seed).below(256));
         let away = |patch: usize| {
             let dot: f32 = stress.patches.dir_world(patch).iter().zip(centre).map(|(a, b)| a * b).sum();

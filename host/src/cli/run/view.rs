@@ -6,6 +6,7 @@ use crate::config::{ClockConfig, Config, ViewCamera};
 use crate::failure::{Failure, OrFail};
 use crate::view::fit::Fit;
 use crate::view::live::{BackgroundView, CameraView, ViewSource};
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 /// How long the first frame waits for the view's first picture.
@@ -13,7 +14,11 @@ const FIRST_PICTURE: Duration = Duration::from_secs(3);
 
 /// The view's camera behind a field of `size` = width and height. A real one has a thread of its own, and so have pictures
 /// by the system's clock, one a frame at most; by a simulated clock every frame has its picture.
-pub(super) fn live_view(config: &Config, size: (usize, usize)) -> Result<Option<Box<dyn ViewSource>>, Failure> {
+pub(super) fn live_view(
+    config: &Config,
+    size: (usize, usize),
+    stop: &AtomicBool,
+) -> Result<Option<Box<dyn ViewSource>>, Failure> {
     let Some(wanted) = &config.view_camera else { return Ok(None) };
     let view = CameraView::new(&wanted.name(), camera(config, wanted, size)?, size);
     let pace = match (wanted, config.clock) {
@@ -22,7 +27,7 @@ pub(super) fn live_view(config: &Config, size: (usize, usize)) -> Result<Option<
         (ViewCamera::Device { .. }, _) => Duration::ZERO,
     };
     let mut view = BackgroundView::start(view, pace).or_runtime()?;
-    view.wait(FIRST_PICTURE);
+    view.wait(FIRST_PICTURE, stop);
     Ok(Some(Box::new(view)))
 }
 
