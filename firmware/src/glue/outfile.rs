@@ -203,7 +203,8 @@ mod tests {
         let left = temp_beside(&path).unwrap().keep().unwrap();
         drop(left.0);
         let in_use = temp_beside(&path).unwrap();
-        let others = [".a.txt.abc12.tmp", ".a.txt.abc_12.tmp", ".b.txt.abc123.tmp", "a.txt.abc123.tmp", ".a.txt.abc123"];
+        let others =
+            [".a.txt.abc12.tmp", ".a.txt.abc_12.tmp", ".b.txt.abc123.tmp", "a.txt.abc123.tmp", ".a.txt.abc123"];
         others.iter().for_each(|name| fs::write(folder.path().join(name), "").unwrap());
         assert!(left.1.exists() && names(folder.path()).len() == 7);
         check_writable(&path).unwrap();

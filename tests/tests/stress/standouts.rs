@@ -55,7 +55,9 @@ fn what_was_added_to_an_expected_sky_is_found() {
 /// What the modes have of a light, patch by patch; light is not negative.
 fn expected(bounds: &relume_firmware::bound::Bounds<'_>, given: &PatchLight) -> PatchLight {
     let parts: Vec<[f32; 3]> = (0..bounds.modes())
-        .map(|k| core::array::from_fn(|c| given.iter().enumerate().map(|(at, rgb)| bounds.mode_at(k, at) * rgb[c]).sum()))
+        .map(|k| {
+            core::array::from_fn(|c| given.iter().enumerate().map(|(at, rgb)| bounds.mode_at(k, at) * rgb[c]).sum())
+        })
         .collect();
     let patch = |patch: usize| {
         core::array::from_fn(|c| {
