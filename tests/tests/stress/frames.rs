@@ -166,7 +166,7 @@ fn a_trembling_sky_costs_no_projection() {
         let mut shown = Shown::new(&stress, Kernel::detect());
         shown.frame(&base, 0.4);
         let mut given = base.clone();
-        for frame in 0..200 {
+        for frame in 0..70 {
             given.clone_from(&base);
             given.iter_mut().for_each(|rgb| *rgb = rgb.map(|v| v * (1.0 + 0.0004 * (2.0 * chance.unit() - 1.0))));
             let counters = shown.frame(&given, 0.4);
