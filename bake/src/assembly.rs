@@ -8,7 +8,7 @@ use crate::job::{DoneBlock, Job};
 use crate::report::Report;
 use crate::viewpoint::TransportError;
 use crate::write::FieldWriter;
-use relume_firmware::field::{CameraRecord, Field, Header};
+use relume_firmware::field::{Field, Header};
 use relume_firmware::patches::PatchSet;
 use std::time::Duration;
 
@@ -121,20 +121,12 @@ impl Assembly {
 }
 
 fn header(camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Header {
-    let f32s = |v: [f64; 3]| v.map(|c| c as f32);
-    let camera = CameraRecord {
-        position: f32s(camera.position),
-        target: f32s(camera.target),
-        up: f32s(camera.up),
-        fov_y_deg: camera.fov_y_deg as f32,
-        north_deg: camera.north_deg as f32,
-    };
     Header {
         width: options.size.0,
         height: options.size.1,
         patches,
         covered: 0,
-        camera,
+        camera: camera.record(),
         error_target: options.error as f32,
         site: options.site.map(|site| site.map(|degrees| degrees as f32)),
         seed: options.transport.seed,
