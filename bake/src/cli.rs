@@ -64,7 +64,9 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> Result<(), Failure> {
         Some(Long("version") | Short('V')) => print(concat!("relume-bake ", env!("CARGO_PKG_VERSION"), "\n")),
         Some(Value(other)) => {
             let other = other.to_string_lossy();
-            Err(Failure::bad(format!("no command {other:?}; use scene, plan, merge, import or info (see relume-bake --help)")))
+            Err(Failure::bad(format!(
+                "no command {other:?}; use scene, plan, merge, import or info (see relume-bake --help)"
+            )))
         }
         Some(other) => Err(other.unexpected().into()),
     }

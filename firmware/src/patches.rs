@@ -14,7 +14,7 @@ mod listed;
 mod spread;
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
-pub use listed::{DIRECTIONS_HEAD, DIRECTION_ENTRY, ListError, Listed, ListedPatch};
+pub use listed::{DIRECTION_ENTRY, DIRECTIONS_HEAD, ListError, Listed, ListedPatch};
 pub use spread::{Share, add_sun, spread};
 
 /// Most patches of the upper hemisphere that a set may have.

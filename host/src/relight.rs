@@ -242,7 +242,8 @@ impl<'f> Relighter<'f> {
     /// [`WeightError`]; everything then stays as it was.
     pub fn set_weights(&mut self, given: &PatchWeights, exposure: f32) -> Result<(), WeightError> {
         let Some(mut taken_in) = self.taken_in.take() else { return self.set_answered(given, exposure) };
-        taken_in.clone_from(given);
+        taken_in.radiance.clone_from(&given.radiance);
+        taken_in.sun = given.sun;
         taken_in.take_sun_in(self.field.patch_set());
         let set = self.set_answered(&taken_in, exposure);
         self.taken_in = Some(taken_in);

@@ -135,7 +135,8 @@ impl Sheet {
         let size = picture.size;
         let most = relume_firmware::field::MAX_EDGE as usize;
         if size.0 == 0 || size.1 == 0 || size.0 > most || size.1 > most {
-            let fault = format!("{}x{} pixels; a field has 1 to {most} each way: choose another --shrink", size.0, size.1);
+            let fault =
+                format!("{}x{} pixels; a field has 1 to {most} each way: choose another --shrink", size.0, size.1);
             return Err(ImportError::file(&first, fault));
         }
         let coverage = match (&source.mask, picture.alpha) {
@@ -162,12 +163,7 @@ struct Read {
 }
 
 /// Reads every picture once, on all threads, and spools its patch's response.
-fn read_all(
-    source: &Source,
-    lights: &Lights,
-    sheet: &Sheet,
-    options: &ImportOptions,
-) -> Result<Read, ImportError> {
+fn read_all(source: &Source, lights: &Lights, sheet: &Sheet, options: &ImportOptions) -> Result<Read, ImportError> {
     let places = sample_places(sheet);
     let patches = lights.set.len();
     let folder = &options.spool_folder;

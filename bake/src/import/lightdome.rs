@@ -21,7 +21,8 @@ pub(super) fn open(file: &Path) -> Result<Source, ImportError> {
             continue;
         }
         if count.is_none() {
-            let number = line.parse().map_err(|_| told(index + 1, format!("`{line}` is not the number of pictures")))?;
+            let number =
+                line.parse().map_err(|_| told(index + 1, format!("`{line}` is not the number of pictures")))?;
             count = Some(number);
             continue;
         }

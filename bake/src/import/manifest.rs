@@ -106,7 +106,8 @@ fn side_of(horizon: Option<&Horizon>) -> Result<Side, String> {
 
 fn picture(folder: &Path, entry: &Entry) -> Result<LightPicture, String> {
     let positive = |value: f64| value.is_finite() && value > 0.0;
-    if let Some(omega) = entry.solid_angle_sr.filter(|&omega| !(positive(omega) && omega <= 4.0 * std::f64::consts::PI)) {
+    if let Some(omega) = entry.solid_angle_sr.filter(|&omega| !(positive(omega) && omega <= 4.0 * std::f64::consts::PI))
+    {
         return Err(format!("solid_angle_sr = {omega}: must be above 0 and at most 4 pi"));
     }
     let irradiance = entry.intensity.map(|intensity| match intensity {

@@ -44,7 +44,10 @@ impl Lights {
         let list = list.map_err(|_| {
             let behind = order.iter().find(|&&row| pictures[row].solid_angle_sr.is_none() && cells[row] < 1e-6);
             let name = name_of(&pictures[behind.copied().unwrap_or(0)]);
-            ImportError::file(&source.place, format!("the light of {name} is behind the horizon; give it a solid angle"))
+            ImportError::file(
+                &source.place,
+                format!("the light of {name} is behind the horizon; give it a solid angle"),
+            )
         })?;
         Ok(Lights { set: PatchSet::of_list(list), pictures: order })
     }

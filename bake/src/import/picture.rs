@@ -200,7 +200,8 @@ mod tests {
     #[test]
     fn rgbe_is_radiances() {
         let file = tempfile::NamedTempFile::new().unwrap();
-        let mut bytes = b"#?RADIANCE\nrcontrib\nEXPOSURE=2.0\nEXPOSURE=4\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n".to_vec();
+        let mut bytes =
+            b"#?RADIANCE\nrcontrib\nEXPOSURE=2.0\nEXPOSURE=4\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n".to_vec();
         bytes.extend([128, 64, 0, 129]);
         std::fs::write(file.path(), bytes).unwrap();
         let picture = Picture::read(file.path(), None).unwrap();

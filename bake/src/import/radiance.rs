@@ -55,7 +55,8 @@ pub(super) fn open(folder: &Path, files: &[PathBuf]) -> Result<Source, ImportErr
     }
     let last = numbered.keys().last().copied().unwrap_or(0);
     let patches = KNOWN.into_iter().map(patches).find(|patches| patches.len() > last).ok_or_else(|| {
-        let what = format!("patch {last} is unknown: MF 1 has patches 0 to 145 and MF 2 0 to 577; more do not fit a field");
+        let what =
+            format!("patch {last} is unknown: MF 1 has patches 0 to 145 and MF 2 0 to 577; more do not fit a field");
         ImportError::file(numbered[&last], what)
     })?;
     let mut source = Source::new(folder, "Radiance patches", Side::Before([0.0, 1.0, 0.0]));

@@ -42,8 +42,16 @@ mod tests {
     use crate::patches::{ListedPatch, PatchSet};
 
     fn octahedron(horizon: Option<[f32; 3]>) -> PatchSet {
-        let dirs = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0f32], [0.0, -1.0, 0.0]];
-        let patch = |(row, &dir_world): (usize, &[f32; 3])| ListedPatch { dir_world, solid_angle_sr: 2.0, row: row as u16 };
+        let dirs = [
+            [1.0, 0.0, 0.0],
+            [-1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [0.0, 0.0, -1.0f32],
+            [0.0, -1.0, 0.0],
+        ];
+        let patch =
+            |(row, &dir_world): (usize, &[f32; 3])| ListedPatch { dir_world, solid_angle_sr: 2.0, row: row as u16 };
         let patches: Vec<ListedPatch> = dirs.iter().enumerate().map(patch).collect();
         PatchSet::of_list(Listed::new(&patches, horizon).unwrap())
     }

@@ -248,7 +248,10 @@ mod tests {
         assert_eq!(Listed::new(&[], None), Err(ListError::Count(0)));
         assert_eq!(Listed::new(&[up; MAX_PATCHES + 1], None), Err(ListError::Count(MAX_PATCHES + 1)));
         assert_eq!(Listed::new(&[up, patch([1.0, 1.0, 0.0], 1)], None), Err(ListError::Patch(1)));
-        assert_eq!(Listed::new(&[up, ListedPatch { solid_angle_sr: f32::NAN, ..side }], None), Err(ListError::Patch(1)));
+        assert_eq!(
+            Listed::new(&[up, ListedPatch { solid_angle_sr: f32::NAN, ..side }], None),
+            Err(ListError::Patch(1))
+        );
         assert_eq!(Listed::new(&[down, patch([0.0, 1.0, 0.0], 0)], None), Err(ListError::Order(1)));
         assert_eq!(Listed::new(&[up, patch([1.0, 0.0, 0.0], 0)], None), Err(ListError::Row(1)));
         assert_eq!(Listed::new(&[up, patch([1.0, 0.0, 0.0], 2)], None), Err(ListError::Row(1)));

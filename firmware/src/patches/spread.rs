@@ -164,11 +164,8 @@ mod tests {
     fn set(dirs: &[[f32; 3]], horizon: Option<[f32; 3]>) -> PatchSet {
         let mut dirs: Vec<[f32; 3]> = dirs.to_vec();
         dirs.sort_by_key(|dir| dir[1] < 0.0);
-        let patch = |(row, &dir_world): (usize, &[f32; 3])| ListedPatch {
-            dir_world,
-            solid_angle_sr: 0.1,
-            row: row as u16,
-        };
+        let patch =
+            |(row, &dir_world): (usize, &[f32; 3])| ListedPatch { dir_world, solid_angle_sr: 0.1, row: row as u16 };
         let patches: Vec<ListedPatch> = dirs.iter().enumerate().map(patch).collect();
         PatchSet::of_list(Listed::new(&patches, horizon).unwrap())
     }
