@@ -78,21 +78,6 @@ def connector_renamed(check):
     check.stop()
 
 
-def mode_gone(check):
-    """The mode in use is none of the monitor's any more, as after a change of monitors, and comes back."""
-    # Of another size than any that every monitor offers.
-    width, height = (side + 52 for side in map(int, check.size.split("x")))
-    check.board.resize_monitor(width, height)
-    check.open(mode=f"{width}x{height}")
-    check.board.resize_monitor(width + 60, height + 60)
-    check.until(f"has no mode {width}x{height}")
-    told = check.health()["state"].split("; it has")[0]
-    check.board.resize_monitor(width, height)
-    took = check.until("ok")
-    check.must(True, f"mode gone: {told}; well again after {took:.1f} s")
-    check.stop()
-
-
 def camera_taken(check, **post):
     """Another program has the camera when the post starts."""
     holder = check.board.start("exec usbcam-probe hold")

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fault import BoardError
-from monitor import Monitor
 from qmp import Qmp
 
 QEMU = "qemu-system-aarch64"
@@ -73,7 +72,7 @@ class Machine:
         self._options["skip"] = " ".join(skip)
         if image.mesa:
             self._options["mesa"] = "yes"
-        self._process = self._port = self._qmp = self._monitor = self._sockets = None
+        self._process = self._port = self._qmp = self._sockets = None
         self._change = threading.Condition()
         self._number = 0
         self._ready_at_s = None
@@ -129,11 +128,11 @@ class Machine:
         if self.running():
             self._process.kill()
         self._process.wait()
-        for connection in (self._port, self._qmp, self._monitor):
+        for connection in (self._port, self._qmp):
             if connection:
                 connection.close()
         shutil.rmtree(self._sockets, ignore_errors=True)
-        self._process = self._port = self._qmp = self._monitor = None
+        self._process = self._port = self._qmp = None
 
     # ---- what goes on in it
 
@@ -179,12 +178,6 @@ class Machine:
         self.qmp("screendump", **options)
         return path
 
-    def resize_monitor(self, width, height):
-        """The monitor at the first socket offers other modes from now on; this size is the one it prefers."""
-        if self._monitor is None:
-            self._monitor = Monitor(self._sockets / "monitor")
-        self._monitor.resize(width, height)
-
     def qmp(self, command, **arguments):
         """A command to QEMU."""
         if not self.running():
@@ -222,7 +215,7 @@ class Machine:
         command += ["-kernel", str(self.image.kernel), "-initrd", str(self.image.initramfs)]
         command += ["-append", f"console=ttyAMA0 quiet loglevel=4 panic=-1 {options} {self._append}"]
         command += ["-chardev", f"file,id=console,path={self.console_file}", "-serial", "chardev:console"]
-        command += ["-qmp", f"unix:{self._sockets}/qmp,server=on,wait=off", "-vnc", f"unix:{self._sockets}/monitor"]
+        command += ["-qmp", f"unix:{self._sockets}/qmp,server=on,wait=off"]
         command += ["-device", "virtio-serial-pci", "-chardev",
                     f"socket,id=orders,path={self._sockets}/orders,server=on,wait=off",
                     "-device", "virtserialport,chardev=orders,name=relume.orders"]

@@ -266,7 +266,7 @@ class PostCheck(Findings):
         return [
             self.pictures, self.camera_faults, lambda: faults.camera_and_display_gone(self), self.display_faults,
             lambda: faults.monitor_moved(self), self.clock_faults, self.no_leak, self.ends, self.by_gbm,
-            lambda: faults.driver_faults(self), lambda: faults.mode_gone(self), self.disk_full, self.by_chance,
+            lambda: faults.driver_faults(self), self.disk_full, self.by_chance,
         ]
 
 
