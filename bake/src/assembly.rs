@@ -1,13 +1,14 @@
 //! Blocks, in order -> a whole field.
 
 use crate::bake::{BakeError, BakeOptions, Baked};
+use crate::blocks::BlockCompressor;
 use crate::camera::Camera;
-use crate::error::ExactTile;
+use crate::error::{ExactTile, TestLight};
 use crate::job::{DoneBlock, Job};
 use crate::report::Report;
 use crate::viewpoint::TransportError;
 use crate::write::FieldWriter;
-use relume_firmware::field::{CameraRecord, Field, Header};
+use relume_firmware::field::{Field, Header};
 use relume_firmware::patches::PatchSet;
 use std::time::Duration;
 
@@ -30,9 +31,14 @@ pub struct Assembly {
 impl Assembly {
     /// Of a job's blocks.
     pub fn new(job: &Job<'_>) -> Self {
+        Assembly::of(job.grid().0, &job.compressor)
+    }
+
+    /// Of blocks that a compressor made, so many columns of them.
+    pub fn of(columns: u32, compressor: &BlockCompressor) -> Self {
         let mut writer = FieldWriter::default();
-        writer.set_bound_basis(job.compressor.bound_basis_bytes());
-        let (columns, row) = (job.grid().0, Vec::new());
+        writer.set_bound_basis(compressor.bound_basis_bytes());
+        let row = Vec::new();
         Assembly { columns, row, next: 0, writer, report: Report::default(), exact: Vec::new() }
     }
 
@@ -80,8 +86,7 @@ impl Assembly {
         options: &BakeOptions,
         took: Duration,
     ) -> Result<Baked, BakeError> {
-        self.report.finish(&self.writer, took);
-        if self.report.light_mean < DARK_LIGHT {
+        if self.close(took).light_mean < DARK_LIGHT {
             let position = camera.position.map(|c| c as f32);
             return Err(TransportError::Dark { position }.into());
         }
@@ -90,27 +95,38 @@ impl Assembly {
         }
         let casters = job.compressor.casters;
         let scene = [casters.casters, casters.nodes, job.bounce.layer()];
-        let draft = self.writer.into_draft(header(camera, job.patches, options), scene);
-        self.report.held_out = job.test_light.errors(&Field::new(draft.bytes())?, &self.exact)?;
+        self.into_field(header(camera, job.patches, options), scene, &job.test_light)
+    }
+
+    /// Closes the sums of the report, which may be added to.
+    pub fn close(&mut self, took: Duration) -> &mut Report {
+        self.report.finish(&self.writer, took);
+        &mut self.report
+    }
+
+    /// The closed field, with the layers `scene` (CAST, CBVH, BPNT), and its errors under `test_light`.
+    ///
+    /// # Errors
+    /// [`BakeError::Unsound`], which is a fault of this program.
+    pub fn into_field(
+        mut self,
+        header: Header,
+        scene: [Vec<u8>; 3],
+        test_light: &TestLight,
+    ) -> Result<Baked, BakeError> {
+        let draft = self.writer.into_draft(header, scene);
+        self.report.held_out = test_light.errors(&Field::new(draft.bytes())?, &self.exact)?;
         Ok(Baked { bytes: draft.finish(&self.report.to_json()), report: self.report })
     }
 }
 
 fn header(camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Header {
-    let f32s = |v: [f64; 3]| v.map(|c| c as f32);
-    let camera = CameraRecord {
-        position: f32s(camera.position),
-        target: f32s(camera.target),
-        up: f32s(camera.up),
-        fov_y_deg: camera.fov_y_deg as f32,
-        north_deg: camera.north_deg as f32,
-    };
     Header {
         width: options.size.0,
         height: options.size.1,
         patches,
         covered: 0,
-        camera,
+        camera: camera.record(),
         error_target: options.error as f32,
         site: options.site.map(|site| site.map(|degrees| degrees as f32)),
         seed: options.transport.seed,

@@ -48,9 +48,13 @@ pub struct BlockCompressor {
 impl BlockCompressor {
     /// A compressor for fields of this patch set that aims at `error` ([`Target::error`]).
     pub fn new(patches: &PatchSet, error: f64, whites: Whites, casters: CasterLayers) -> Self {
-        let skies = Prior::skies(patches);
+        Self::with_prior(Prior::skies(patches), error, whites, casters)
+    }
+
+    /// The same for other light than skies.
+    pub fn with_prior(skies: Prior, error: f64, whites: Whites, casters: CasterLayers) -> Self {
         let target = Target { error, ..Target::default() };
-        BlockCompressor { basis: bound_basis(&skies), skies, target, patches: patches.len(), whites, casters }
+        BlockCompressor { basis: bound_basis(&skies), patches: skies.patches(), skies, target, whites, casters }
     }
 
     /// BNDB.

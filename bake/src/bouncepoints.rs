@@ -53,6 +53,11 @@ pub struct BouncePoints {
 }
 
 impl BouncePoints {
+    /// The layer BPNT of a field without points.
+    pub fn no_layer() -> Vec<u8> {
+        PointGrid::over([0.0; 3], [0.0; 3]).encode().to_vec()
+    }
+
     fn new(mut candidates: Vec<Vertex>, count: usize, geometry: &Geometry<'_>) -> Self {
         let mut splits = vec![(0, 0.0); count];
         let mut points = Vec::with_capacity(count);

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
+use relume_firmware::field::CameraRecord;
 use serde::Deserialize;
 
 /// Why a camera file cannot be used. Every message names the file and the field.
@@ -75,6 +76,18 @@ impl Camera {
             serde_json::from_str(&text).map_err(|source| CameraError::Parse { file: path.to_owned(), source })?;
         camera.check(path)?;
         Ok(camera)
+    }
+
+    /// What a field's header says of it.
+    pub fn record(&self) -> CameraRecord {
+        let f32s = |v: [f64; 3]| v.map(|c| c as f32);
+        CameraRecord {
+            position: f32s(self.position),
+            target: f32s(self.target),
+            up: f32s(self.up),
+            fov_y_deg: self.fov_y_deg as f32,
+            north_deg: self.north_deg as f32,
+        }
     }
 
     /// Checks the values; `file` is only named in the error.

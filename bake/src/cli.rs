@@ -1,6 +1,7 @@
 //! The command line of `relume-bake`.
 
 mod arguments;
+mod import;
 mod merge;
 mod plan;
 mod scene;
@@ -40,6 +41,9 @@ relume-bake: makes the field that a post relights.
       bakes the plan's tiles A to B-1
   relume-bake merge PLAN.toml SHARE... -o FIELD [--threads N] [--json]
       joins shares into the field that one bake would have made, byte by byte
+  relume-bake import STACK -o FIELD [options]
+      makes a field of pictures that others made: a renderer, a light stage, a light dome (.lp), Radiance's rcontrib; see
+      relume-bake import --help
   relume-bake info FIELD [--json]
   relume-bake --version
 ";
@@ -55,14 +59,14 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> Result<(), Failure> {
         Some(Value(command)) if command == "plan" => plan::act(&mut parser),
         Some(Value(command)) if command == "merge" => merge::act(&mut parser),
         Some(Value(command)) if command == "info" => show_info(&mut parser),
-        Some(Value(command)) if command == "import" => {
-            Err(Failure::bad("import: not in this version; bake a scene with `relume-bake scene`"))
-        }
+        Some(Value(command)) if command == "import" => import::act(&mut parser),
         Some(Long("help") | Short('h')) | None => print(HELP),
         Some(Long("version") | Short('V')) => print(concat!("relume-bake ", env!("CARGO_PKG_VERSION"), "\n")),
         Some(Value(other)) => {
             let other = other.to_string_lossy();
-            Err(Failure::bad(format!("no command {other:?}; use scene, plan, merge or info (see relume-bake --help)")))
+            Err(Failure::bad(format!(
+                "no command {other:?}; use scene, plan, merge, import or info (see relume-bake --help)"
+            )))
         }
         Some(other) => Err(other.unexpected().into()),
     }

@@ -5,6 +5,7 @@
 
 mod clouds;
 mod preetham;
+mod rooms;
 
 use clouds::Clouds;
 use preetham::{ClearSky, luminance};
@@ -52,6 +53,14 @@ pub fn captured(path: &Path, set: &PatchSet) -> Result<TestSky, MapError> {
     Ok(TestSky { name, radiance: split::weights(&map, set, 0.0)?.radiance })
 }
 
+/// Held-out light for a set that others may have made: skies where its horizon is the ground's, else rooms; and some of its
+/// lights alone.
+pub fn test_lights(set: &PatchSet) -> Vec<TestSky> {
+    let is_outdoors = set.horizon().is_some_and(|[_, up, _]| up > 0.999);
+    let rooms = if is_outdoors { test_skies(set) } else { rooms::rooms(set) };
+    rooms.into_iter().chain(rooms::lone_lights(set)).collect()
+}
+
 /// The held-out skies over a patch set; the same on every machine.
 pub fn test_skies(set: &PatchSet) -> Vec<TestSky> {
     RECIPES.iter().enumerate().map(|(index, recipe)| test_sky(set, index as u64, recipe)).collect()
@@ -78,7 +87,9 @@ fn mean(set: &PatchSet, patch: usize, sky: &dyn Fn([f64; 3]) -> [f64; 3]) -> [f6
     let at = |k: usize| (k as f32 + 0.5) / STRATA as f32;
     let mut sum = [0.0; 3];
     for k in 0..STRATA * STRATA {
-        let rgb = sky(set.sample(patch, [at(k / STRATA), at(k % STRATA)]).map(f64::from));
+        let [x, y, z] = set.sample(patch, [at(k / STRATA), at(k % STRATA)]).map(f64::from);
+        // A listed patch's cap may reach below the horizon.
+        let rgb = sky([x, y.max(0.0), z]);
         sum = std::array::from_fn(|c| sum[c] + rgb[c] / (STRATA * STRATA) as f64);
     }
     sum

@@ -121,15 +121,7 @@ impl<'s> Job<'s> {
         done: impl FnMut(DoneBlock) -> Result<(), BakeError> + Send,
     ) -> Result<(), BakeError> {
         let bar = progress.then(|| Progress::new("bake", u64::from(numbers.end.saturating_sub(numbers.start))));
-        let in_order = Mutex::new(InOrder { next: numbers.start, waiting: BTreeMap::new(), done });
-        // A bridge hands the numbers out in order, so that few blocks wait for one that takes long.
-        numbers.par_bridge().try_for_each(|number| {
-            let block = self.block(number)?;
-            if let Some(bar) = &bar {
-                bar.step();
-            }
-            in_order.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).take(block)
-        })
+        in_order(numbers, bar.as_ref(), |number| self.block(number), done)
     }
 
     /// Transport, stack and compression of a block.
@@ -154,6 +146,27 @@ impl<'s> Job<'s> {
     }
 }
 
+/// Makes the blocks `numbers` on all threads and hands each to `done`, in order and as soon as those before it are done.
+///
+/// # Errors
+/// The first of `make` or `done`.
+pub fn in_order<E: Send>(
+    numbers: Range<u32>,
+    bar: Option<&Progress>,
+    make: impl Fn(u32) -> Result<DoneBlock, E> + Sync,
+    done: impl FnMut(DoneBlock) -> Result<(), E> + Send,
+) -> Result<(), E> {
+    let in_order = Mutex::new(InOrder { next: numbers.start, waiting: BTreeMap::new(), done });
+    // A bridge hands the numbers out in order, so that few blocks wait for one that takes long.
+    numbers.par_bridge().try_for_each(|number| {
+        let block = make(number)?;
+        if let Some(bar) = bar {
+            bar.step();
+        }
+        in_order.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).take(block)
+    })
+}
+
 /// Puts blocks in order.
 struct InOrder<F> {
     next: u32,
@@ -161,8 +174,8 @@ struct InOrder<F> {
     done: F,
 }
 
-impl<F: FnMut(DoneBlock) -> Result<(), BakeError>> InOrder<F> {
-    fn take(&mut self, block: DoneBlock) -> Result<(), BakeError> {
+impl<E, F: FnMut(DoneBlock) -> Result<(), E>> InOrder<F> {
+    fn take(&mut self, block: DoneBlock) -> Result<(), E> {
         self.waiting.insert(block.number, block);
         while let Some(block) = self.waiting.remove(&self.next) {
             self.next += 1;

@@ -16,6 +16,7 @@ pub mod fragments;
 pub mod geometry;
 mod gltf_file;
 pub mod heldout;
+pub mod import;
 pub mod info;
 pub mod job;
 mod leading;

@@ -6,7 +6,11 @@
 //! hemisphere is ground albedo x irradiance / pi with variation. Constant, linear and quadratic lightings are added by
 //! themselves so that they come out near exact, and a little white noise per patch so that skies rougher than any of
 //! these stay accurate.
+//!
+//! Light on a small thing comes from all around and from lamps: sets without a horizon, or with another than the ground's,
+//! have a prior of their own (around.rs).
 
+mod around;
 mod cie;
 mod clouds;
 mod random;
@@ -57,6 +61,19 @@ impl Prior {
     /// The prior of skies for a patch set, the sun's disc left out.
     pub fn skies(set: &PatchSet) -> Prior {
         Prior::of_mixture(set, &Mixture::default())
+    }
+
+    /// The prior for a set that others may have made: of skies where its horizon is the ground's, else of light around.
+    pub fn for_set(set: &PatchSet) -> Prior {
+        match set.horizon() {
+            Some([_, up, _]) if up > 0.999 => Prior::skies(set),
+            _ => around::prior(set),
+        }
+    }
+
+    /// The same, where a surface of this rms radiance under it counts as white.
+    pub fn with_white(self, white_paint: f64) -> Prior {
+        Prior { white_paint, ..self }
     }
 
     /// The prior of skies with its mixture spelled out.
@@ -124,8 +141,10 @@ impl Prior {
             let mode = order[column];
             (eigen.eigenvectors[(row, mode)] * eigen.eigenvalues[mode].max(0.0).sqrt()) as f32
         });
+        let facing = set.horizon().unwrap_or([0.0, 1.0, 0.0]);
         let paint = DMatrix::from_fn(1, set.len(), |_, patch| {
-            0.8 / std::f32::consts::PI * set.dir_world(patch)[1].max(0.0) * set.solid_angle_sr(patch)
+            let cosine = set.dir_world(patch).iter().zip(facing).map(|(d, a)| d * a).sum::<f32>();
+            0.8 / std::f32::consts::PI * cosine.max(0.0) * set.solid_angle_sr(patch)
         });
         let white_paint = f64::from((paint * &basis).norm());
         let basis_transposed = basis.transpose();
@@ -188,7 +207,9 @@ fn mirror(set: &PatchSet) -> Vec<usize> {
 fn patch_samples(set: &PatchSet) -> Vec<[[f64; 3]; 4]> {
     let at = |patch: usize, k: usize| {
         let u = [((k / 2) as f32 + 0.5) / 2.0, ((k % 2) as f32 + 0.5) / 2.0];
-        set.sample(patch, u).map(f64::from)
+        let [x, y, z] = set.sample(patch, u).map(f64::from);
+        // A listed patch's cap may reach below the horizon.
+        [x, y.max(0.0), z]
     };
     (0..set.upper()).map(|patch| std::array::from_fn(|k| at(patch, k))).collect()
 }

@@ -26,10 +26,26 @@ pub struct Report {
     /// Errors against the response before compression, under skies that no prior knows.
     #[serde(default)]
     pub held_out: Vec<SkyError>,
+    /// What an imported field was made from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub imported: Option<Imported>,
     #[serde(skip)]
     rank_sum: f64,
     #[serde(skip)]
     light_sum: f64,
+}
+
+/// What an imported field was made from.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Imported {
+    /// Which kind of source.
+    pub kind: String,
+    /// Per patch, in the field's order, the picture's name.
+    pub pictures: Vec<String>,
+    /// Did the source say where the camera stands? If not, the header's is a stand-in.
+    pub camera_known: bool,
+    /// Negative values that were taken as 0.
+    pub negative_values: u64,
 }
 
 impl Report {

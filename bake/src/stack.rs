@@ -72,6 +72,22 @@ impl ManifestSun {
     }
 }
 
+/// The side of a plane that all light of a set comes from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Horizon {
+    /// Towards this unit vector, world space.
+    Towards([f64; 3]),
+    /// The word `none`: from all around.
+    Word(String),
+}
+
+impl Horizon {
+    fn of(axis: Option<[f32; 3]>) -> Self {
+        axis.map_or_else(|| Horizon::Word("none".to_owned()), |axis| Horizon::Towards(axis.map(f64::from)))
+    }
+}
+
 /// One patch of a stack.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ManifestPatch {
@@ -107,6 +123,9 @@ pub struct Manifest {
     /// The sun of `sun.exr`, if that was written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sun: Option<ManifestSun>,
+    /// The side that the light comes from, of listed directions only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub horizon: Option<Horizon>,
     /// In the order of the patch set.
     #[serde(rename = "patch")]
     pub patches: Vec<ManifestPatch>,
@@ -122,7 +141,11 @@ impl Manifest {
         };
         Manifest {
             version: MANIFEST_VERSION,
-            patch_set: format!("leopardi-{}+{}", set.upper(), set.lower()),
+            patch_set: match set.listed() {
+                Some(list) => format!("listed-{}", list.len()),
+                None => format!("leopardi-{}+{}", set.upper(), set.lower()),
+            },
+            horizon: set.listed().map(|_| Horizon::of(set.horizon())),
             patch_set_id: set.id(),
             n_upper: set.upper(),
             width: size.0,

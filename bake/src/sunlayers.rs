@@ -24,6 +24,11 @@ pub struct CasterLayers {
 }
 
 impl CasterLayers {
+    /// Of no geometry at all: such a field does not answer suns.
+    pub fn none() -> Self {
+        CasterLayers { casters: Vec::new(), nodes: Vec::new(), caster_of_triangle: Vec::new() }
+    }
+
     /// Builds the layers. Deterministic.
     pub fn new(scene: &Scene) -> Self {
         let (all, shapes) = sun_casters(scene);

@@ -3,6 +3,7 @@
 use crate::encode::TileBytes;
 use relume_firmware::field::{HEADER, Header, LAYER_ALIGN, LAYER_CRITICAL, LAYER_ENTRY, Layer, LayerKind};
 use relume_firmware::glue::outfile::{OutError, write_whole};
+use relume_firmware::patches::Listed;
 use relume_firmware::tile::{ALL_WHOLE, BLOCK_TILES, PLACE_UNIT};
 use relume_firmware::wayback::NO_WAY;
 use serde::{Deserialize, Serialize};
@@ -123,7 +124,7 @@ impl FieldWriter {
         self.blocks.extend_from_slice(&((self.fragments.len() / 4) as u32).to_le_bytes());
         self.bounce_places.extend_from_slice(&((self.bounce.len() / 4) as u32).to_le_bytes());
         let (response, [casters, nodes, points]) = (self.response, scene);
-        let layers: [(LayerKind, u32, Vec<u8>); 16] = [
+        let mut layers: Vec<(LayerKind, u32, Vec<u8>)> = vec![
             (*b"TILE", LAYER_CRITICAL, response.records),
             (*b"ROWS", LAYER_CRITICAL, response.rows),
             (*b"RESU", LAYER_CRITICAL, response.u),
@@ -141,8 +142,17 @@ impl FieldWriter {
             (*b"BTIL", LAYER_CRITICAL, self.bounce_places),
             (*b"BNCE", LAYER_CRITICAL, self.bounce),
         ];
+        if let Some(list) = header.patches.listed() {
+            layers.push((*b"DIRS", LAYER_CRITICAL, directions(list)));
+        }
         Draft::new(header, layers)
     }
+}
+
+/// The layer DIRS.
+fn directions(list: &Listed) -> Vec<u8> {
+    let entries = (0..list.len()).flat_map(|patch| list.encode_entry(patch));
+    list.encode_head().into_iter().chain(entries).collect()
 }
 
 /// A field file whose last layer, META, is empty as yet: a sound field already.
@@ -155,7 +165,7 @@ pub struct Draft {
 
 impl Draft {
     /// Header, table and aligned layers; each layer's memory is given back once it is copied.
-    fn new(header: Header, layers: [(LayerKind, u32, Vec<u8>); 16]) -> Self {
+    fn new(header: Header, layers: Vec<(LayerKind, u32, Vec<u8>)>) -> Self {
         let first = (HEADER + (layers.len() + 1) * LAYER_ENTRY).next_multiple_of(LAYER_ALIGN);
         let whole = layers.iter().fold(first, |end, (_, _, bytes)| (end + bytes.len()).next_multiple_of(LAYER_ALIGN));
         let mut draft = Draft { header, table: Vec::new(), file: Vec::with_capacity(whole + META_ROOM) };

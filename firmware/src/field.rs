@@ -33,6 +33,7 @@
 //!                         (sunlight.rs); like the next, read only when the sun moves
 //!   BPNT BTIL BNCE        indirect sunlight: points where the sun is looked for, and what tiles receive (bounce.rs)
 //!   BNDB BNDT             constants of the error bound (bound.rs); may be left out
+//!   DIRS                  directions of the patches, where they are listed (patches/listed.rs)
 //!   WAYT WAYD             rows of single patches, read only where the factors do not do (wayback.rs); may be left out
 //!   META                  UTF-8 JSON about the bake, for people
 //!
@@ -82,9 +83,9 @@ pub const MAX_LAYERS: u32 = 256;
 pub type LayerKind = [u8; 4];
 
 /// Kinds that this version reads.
-pub const KNOWN_LAYERS: [LayerKind; 17] = [
+pub const KNOWN_LAYERS: [LayerKind; 18] = [
     *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"CAST", *b"CBVH", *b"FRGT", *b"FRAG", *b"BPNT", *b"BTIL",
-    *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD",
+    *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD", *b"DIRS",
 ];
 
 /// What is wrong with a field; each message says what to do.
@@ -257,6 +258,12 @@ impl<'a> Field<'a> {
         self.bounce
     }
 
+    /// Does the field carry what sunlight from any direction needs? If not, the patches around a sun have to stand for it
+    /// ([`crate::patches::add_sun`]).
+    pub fn answers_sun(&self) -> bool {
+        !self.sun_surfaces.casters().is_empty()
+    }
+
     /// Coverage of the tile's covered pixels in mask order, 255 = whole; `None` where all are whole.
     pub fn coverage(&self, tile: usize) -> Option<&'a [u8]> {
         self.response.tile(tile).coverage
@@ -315,7 +322,7 @@ fn check_header(bytes: &[u8]) -> Result<Header, FieldError> {
     for layer in layer_table(bytes).chunks_exact(LAYER_ENTRY).map(Layer::decode) {
         check_layer(bytes, &layer)?;
     }
-    Header::decode(bytes)
+    Header::decode(bytes, find_layer(bytes, *b"DIRS"))
 }
 
 fn check_layer(bytes: &[u8], layer: &Layer) -> Result<(), FieldError> {

@@ -1,6 +1,7 @@
 //! What both command-line tools need beyond the core (feature `std`): exit codes, files that appear whole, radiance maps and
 //! the weights they become.
 
+mod cells;
 pub mod failure;
 pub mod map;
 pub mod outfile;

@@ -1,7 +1,7 @@
 //! The field file's header and layer table as numbers (layout: field.rs).
 
 use crate::field::{FieldError, HEADER, LAYER_ENTRY, LayerKind, MAGIC, MAX_EDGE, VERSION};
-use crate::patches::PatchSet;
+use crate::patches::{Listed, PatchSet};
 
 /// The viewpoint a field was baked for (the camera file's values).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,7 +115,8 @@ impl Header {
         out
     }
 
-    pub(crate) fn decode(b: &[u8]) -> Result<Self, FieldError> {
+    /// `directions` is the layer DIRS, if there is one.
+    pub(crate) fn decode(b: &[u8], directions: Option<&[u8]>) -> Result<Self, FieldError> {
         let (width, height) = (u32_at(b, 24), u32_at(b, 28));
         if width == 0 || height == 0 || width > MAX_EDGE || height > MAX_EDGE {
             return Err(FieldError::Invalid("picture size"));
@@ -123,8 +124,12 @@ impl Header {
         if u32_at(b, 32) as usize != crate::tile::TILE_PX {
             return Err(FieldError::Invalid("tile size"));
         }
-        let patches = PatchSet::new(usize::from(u16_at(b, 40))).map_err(FieldError::Patches)?;
-        if patches.lower() != usize::from(u16_at(b, 42)) || patches.id() != u32_at(b, 36) {
+        let patches = match directions {
+            Some(layer) => PatchSet::of_list(Listed::decode(layer).ok_or(FieldError::Invalid("list of directions"))?),
+            None => PatchSet::new(usize::from(u16_at(b, 40))).map_err(FieldError::Patches)?,
+        };
+        let counts = [u16_at(b, 40), u16_at(b, 42)].map(usize::from);
+        if counts != [patches.upper(), patches.lower()] || patches.id() != u32_at(b, 36) {
             return Err(FieldError::PatchSet { found: u32_at(b, 36), expected: patches.id() });
         }
         let camera = CameraRecord {

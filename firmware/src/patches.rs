@@ -7,8 +7,15 @@
 //! mirror image of the same construction with `n_lower` cells.
 //!
 //! Order: upper patches from the zenith down, each ring by rising `atan2(z, x)`; then the lower patches from the nadir up.
+//!
+//! Pictures that others made stand for directions of their own: such a set lists them (listed.rs).
+
+mod listed;
+mod spread;
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
+pub use listed::{DIRECTION_ENTRY, DIRECTIONS_HEAD, ListError, Listed, ListedPatch};
+pub use spread::{Share, add_sun, spread};
 
 /// Most patches of the upper hemisphere that a set may have.
 pub const MAX_UPPER: usize = 1024;
@@ -116,9 +123,14 @@ impl Hemisphere {
 
 /// The direction cells of a sky basis; see the module's text.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PatchSet {
-    upper: Hemisphere,
-    lower: Hemisphere,
+pub struct PatchSet(Cells);
+
+// There is no heap here to put the larger one on, and sets are copied only when something is opened.
+#[allow(clippy::large_enum_variant)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Cells {
+    Zonal { upper: Hemisphere, lower: Hemisphere },
+    Listed(Listed),
 }
 
 impl PatchSet {
@@ -130,65 +142,92 @@ impl PatchSet {
         if !(MIN_UPPER..=MAX_UPPER).contains(&n_upper) {
             return Err(PatchError::UpperCount(n_upper));
         }
-        Ok(PatchSet { upper: Hemisphere::new(n_upper), lower: Hemisphere::new(n_upper / 16) })
+        Ok(PatchSet(Cells::Zonal { upper: Hemisphere::new(n_upper), lower: Hemisphere::new(n_upper / 16) }))
+    }
+
+    /// A set of listed directions.
+    pub const fn of_list(list: Listed) -> Self {
+        PatchSet(Cells::Listed(list))
+    }
+
+    /// The list, if the set is one.
+    pub fn listed(&self) -> Option<&Listed> {
+        match &self.0 {
+            Cells::Listed(list) => Some(list),
+            Cells::Zonal { .. } => None,
+        }
     }
 
     /// Number of patches, both hemispheres.
     #[allow(clippy::len_without_is_empty)]
     pub fn len(&self) -> usize {
-        self.upper.cells + self.lower.cells
+        self.upper() + self.lower()
     }
 
     /// Number of patches above the horizon; they come first.
     pub fn upper(&self) -> usize {
-        self.upper.cells
+        match &self.0 {
+            Cells::Zonal { upper, .. } => upper.cells,
+            Cells::Listed(list) => list.upper(),
+        }
     }
 
     /// Number of patches below the horizon.
     pub fn lower(&self) -> usize {
-        self.lower.cells
+        match &self.0 {
+            Cells::Zonal { lower, .. } => lower.cells,
+            Cells::Listed(list) => list.len() - list.upper(),
+        }
     }
 
-    /// Identifies construction and counts: FNV-1a over `"leopardi-1"` and the two counts as u16, little-endian.
+    /// Identifies construction and counts: FNV-1a over `"leopardi-1"` and the two counts as u16, little-endian; of a list
+    /// [`Listed::id`].
     pub fn id(&self) -> u32 {
-        let counts = [(self.upper.cells as u16).to_le_bytes(), (self.lower.cells as u16).to_le_bytes()];
-        let bytes = b"leopardi-1".iter().chain(counts.iter().flatten());
-        bytes.fold(0x811c_9dc5, |hash, &byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
+        if let Cells::Listed(list) = &self.0 {
+            return list.id();
+        }
+        let counts = [(self.upper() as u16).to_le_bytes(), (self.lower() as u16).to_le_bytes()];
+        fnv(b"leopardi-1".iter().chain(counts.iter().flatten()).copied())
     }
 
-    fn cell(&self, patch: usize) -> (Cell, f64) {
-        if patch < self.upper.cells {
-            (self.upper.cell(patch), 1.0)
-        } else {
-            (self.lower.cell((patch - self.upper.cells).min(self.lower.cells - 1)), -1.0)
+    /// Normal of the plane that light comes from one side of only, towards that side: +Y, or what a list says.
+    pub fn horizon(&self) -> Option<[f32; 3]> {
+        match &self.0 {
+            Cells::Zonal { .. } => Some([0.0, 1.0, 0.0]),
+            Cells::Listed(list) => list.horizon(),
         }
     }
 
     /// Solid angle of a patch, sr.
     pub fn solid_angle_sr(&self, patch: usize) -> f32 {
-        let cells = if patch < self.upper.cells { self.upper.cells } else { self.lower.cells };
-        (TAU / cells as f64) as f32
+        match &self.0 {
+            Cells::Zonal { upper, lower } => {
+                let cells = if patch < upper.cells { upper.cells } else { lower.cells };
+                (TAU / cells as f64) as f32
+            }
+            Cells::Listed(list) => list.patch(patch).solid_angle_sr,
+        }
     }
 
-    /// Unit direction towards the patch's centroid (normalised mean of its directions).
+    /// Unit direction towards the patch's centroid (normalised mean of its directions), or the listed one.
     pub fn dir_world(&self, patch: usize) -> [f32; 3] {
-        let (cell, sign) = self.cell(patch);
-        // Means over the cell, uniform in y and azimuth: integral of sqrt(1 - y^2), and sin(s/2)/(s/2).
-        let primitive = |y: f64| 0.5 * (y * libm::sqrt((1.0 - y * y).max(0.0)) + libm::asin(y));
-        let radius = (primitive(cell.y_high) - primitive(cell.y_low)) / (cell.y_high - cell.y_low);
-        let half = 0.5 * cell.span;
-        let radius = radius * libm::sin(half) / half;
-        let radius = if half > PI - 1e-9 { 0.0 } else { radius };
-        let y = sign * 0.5 * (cell.y_low + cell.y_high);
-        let length = libm::sqrt(radius * radius + y * y);
-        let azimuth = cell.azimuth + half;
-        let (x, z) = (radius * libm::cos(azimuth), radius * libm::sin(azimuth));
-        [(x / length) as f32, (y / length) as f32, (z / length) as f32]
+        match &self.0 {
+            Cells::Zonal { upper, lower } => {
+                let (cell, sign) = cell_of(upper, lower, patch);
+                cell.centroid(sign)
+            }
+            Cells::Listed(list) => list.patch(patch).dir_world,
+        }
     }
 
-    /// A direction inside the patch for `u` in the unit square, uniform in solid angle.
+    /// A direction inside the patch for `u` in the unit square, uniform in solid angle; of a listed patch, inside a cap of
+    /// its solid angle around its direction.
     pub fn sample(&self, patch: usize, u: [f32; 2]) -> [f32; 3] {
-        let (cell, sign) = self.cell(patch);
+        let (upper, lower) = match &self.0 {
+            Cells::Zonal { upper, lower } => (upper, lower),
+            Cells::Listed(list) => return list.patch(patch).sample(u),
+        };
+        let (cell, sign) = cell_of(upper, lower, patch);
         let height = cell.y_low + (cell.y_high - cell.y_low) * f64::from(u[0]);
         let azimuth = cell.azimuth + cell.span * f64::from(u[1]);
         let radius = libm::sqrt((1.0 - height * height).max(0.0));
@@ -196,12 +235,48 @@ impl PatchSet {
         [x as f32, (sign * height) as f32, z as f32]
     }
 
-    /// The patch that a unit direction falls in; the horizon itself belongs to the upper hemisphere.
+    /// The patch that a unit direction falls in; the horizon itself belongs to the upper hemisphere. Of a list, the nearest
+    /// one ([`Listed::nearest`]), and the nearest of all behind a horizon that has none.
     pub fn patch_of(&self, dir_world: [f32; 3]) -> usize {
+        let (upper, lower) = match &self.0 {
+            Cells::Zonal { upper, lower } => (upper, lower),
+            Cells::Listed(list) => return list.nearest(dir_world).unwrap_or_else(|| list.nearest_of_all(dir_world)),
+        };
         let [x, y, z] = dir_world.map(f64::from);
         let azimuth = libm::atan2(z, x);
-        if y >= 0.0 { self.upper.cell_at(y, azimuth) } else { self.upper.cells + self.lower.cell_at(-y, azimuth) }
+        if y >= 0.0 { upper.cell_at(y, azimuth) } else { upper.cells + lower.cell_at(-y, azimuth) }
     }
+}
+
+/// A patch's cell, and 1 above the horizon or -1 below.
+fn cell_of(upper: &Hemisphere, lower: &Hemisphere, patch: usize) -> (Cell, f64) {
+    if patch < upper.cells {
+        (upper.cell(patch), 1.0)
+    } else {
+        (lower.cell((patch - upper.cells).min(lower.cells - 1)), -1.0)
+    }
+}
+
+impl Cell {
+    /// Normalised mean of the cell's directions; `sign` is that of `y`.
+    fn centroid(&self, sign: f64) -> [f32; 3] {
+        // Means over the cell, uniform in y and azimuth: integral of sqrt(1 - y^2), and sin(s/2)/(s/2).
+        let primitive = |y: f64| 0.5 * (y * libm::sqrt((1.0 - y * y).max(0.0)) + libm::asin(y));
+        let radius = (primitive(self.y_high) - primitive(self.y_low)) / (self.y_high - self.y_low);
+        let half = 0.5 * self.span;
+        let radius = radius * libm::sin(half) / half;
+        let radius = if half > PI - 1e-9 { 0.0 } else { radius };
+        let y = sign * 0.5 * (self.y_low + self.y_high);
+        let length = libm::sqrt(radius * radius + y * y);
+        let azimuth = self.azimuth + half;
+        let (x, z) = (radius * libm::cos(azimuth), radius * libm::sin(azimuth));
+        [(x / length) as f32, (y / length) as f32, (z / length) as f32]
+    }
+}
+
+/// FNV-1a, 32 bits.
+fn fnv(bytes: impl Iterator<Item = u8>) -> u32 {
+    bytes.fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
 }
 
 #[cfg(test)]

@@ -56,6 +56,8 @@ pub struct Relighter<'f> {
     /// The newest weights at the exposure that they are read at; none before the first reading.
     reading: Option<Box<Levels>>,
     given: PatchWeights,
+    /// Room for light whose sun its patches take in, where the field does not answer suns.
+    taken_in: Option<PatchWeights>,
     exposure: f32,
     sun: SunPlane,
     blocks: Vec<Block>,
@@ -114,6 +116,7 @@ impl<'f> Relighter<'f> {
             levels: Levels::new(&field, kernel),
             reading: None,
             given: PatchWeights { radiance: vec![[0.0; 3]; patches], sun: None },
+            taken_in: (!field.answers_sun()).then(|| PatchWeights { radiance: vec![[0.0; 3]; patches], sun: None }),
             exposure: 1.0,
             sun: SunPlane::new(&field),
             influence: Influence::new(&field, (&tiles, &states)),
@@ -233,11 +236,22 @@ impl<'f> Relighter<'f> {
     }
 
     /// Takes weights and an exposure (factor from radiance to display white): quantises and projects them, and traces
-    /// the sun's response if it has moved.
+    /// the sun's response if it has moved. Of a field that does not answer suns, the patches around the sun stand for it.
     ///
     /// # Errors
     /// [`WeightError`]; everything then stays as it was.
     pub fn set_weights(&mut self, given: &PatchWeights, exposure: f32) -> Result<(), WeightError> {
+        let Some(mut taken_in) = self.taken_in.take() else { return self.set_answered(given, exposure) };
+        taken_in.radiance.clone_from(&given.radiance);
+        taken_in.sun = given.sun;
+        taken_in.take_sun_in(self.field.patch_set());
+        let set = self.set_answered(&taken_in, exposure);
+        self.taken_in = Some(taken_in);
+        set
+    }
+
+    /// The same for light that the field answers.
+    fn set_answered(&mut self, given: &PatchWeights, exposure: f32) -> Result<(), WeightError> {
         let sun = given.sun.filter(sun_is_up);
         if !self.has_news()
             && self.settled

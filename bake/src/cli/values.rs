@@ -25,6 +25,13 @@ pub(super) fn pair(text: &str) -> Option<[f64; 2]> {
     pair.iter().all(|value: &f64| value.is_finite()).then_some(pair)
 }
 
+/// Three finite numbers with commas between them.
+pub(super) fn triple(text: &str) -> Option<[f64; 3]> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    let triple: [f64; 3] = numbers?.try_into().ok()?;
+    triple.iter().all(|value| value.is_finite()).then_some(triple)
+}
+
 pub(super) fn sun(text: &str) -> Result<[f64; 2], Failure> {
     let advice = "write AZIMUTH,ALTITUDE in degrees, clockwise from north and above the horizon (altitude 0 to 90)";
     pair(text)

@@ -8,6 +8,7 @@
 //! bright as the ring (a cloud or a hole between clouds that fills the cap and is twice as bright as its surround stays
 //! below), and if it is at least [`MIN_IRRADIANCE_SHARE`] of the light of the sky (glints, lamps and overcast skies stay below).
 
+use super::cells::cell_means;
 use super::map::{MapError, RadianceMap, luminance};
 use super::weights::{PatchWeights, SunWeight, sun_solid_angle_sr};
 use crate::patches::PatchSet;
@@ -218,8 +219,11 @@ impl RowSums {
 /// Mean radiance per patch (`set.len()` RGB values) of a map turned by `env_rot_deg` about +Y: world = RotY(deg) * map.
 ///
 /// Pixels that straddle a border of patches are shared by exact area, so the sum of radiance x solid angle over the
-/// patches is the map's integral.
+/// patches is the map's integral. Of a list, each gets the mean over the directions that are nearest to it (cells.rs).
 pub fn integrate(map: &RadianceMap, set: &PatchSet, env_rot_deg: f64) -> Vec<[f32; 3]> {
+    if let Some(list) = set.listed() {
+        return cell_means(map, list, env_rot_deg);
+    }
     let rings = rings(set);
     let mut sums = vec![[0.0f64; 3]; set.len()];
     let step = PI / map.height as f64;

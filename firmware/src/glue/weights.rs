@@ -3,9 +3,10 @@
 //! `W.csv` is a header line, then `x,y,z,solid_angle_sr,r,g,b` per patch in the field's order; one more row after the
 //! patches is the sun (its direction, its disc's solid angle, its irradiance on a plane normal to it), and zero
 //! irradiance or no such row means no sun. Lines of three bare numbers `r g b`, one per patch, are read too; they
-//! cannot say where a sun stands, so one line more than there are patches is refused.
+//! cannot say where a sun stands, so one line more than there are patches is refused. For listed directions, rows with
+//! directions may come in any order, and bare rows are in the order of the set that the list came from.
 
-use crate::patches::PatchSet;
+use crate::patches::{PatchSet, add_sun};
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
@@ -107,6 +108,14 @@ impl PatchWeights {
         Ok(())
     }
 
+    /// Turns the sun into light of the patches around it ([`crate::patches::spread`]), for a field that does not answer
+    /// suns. One that no patch is near shows nothing.
+    pub fn take_sun_in(&mut self, set: &PatchSet) {
+        if let Some(sun) = self.sun.take() {
+            add_sun(set, sun.dir_world, sun.irradiance, &mut self.radiance);
+        }
+    }
+
     /// Irradiance on the horizontal plane from above, sky and sun, per channel; patches count at their centroids.
     pub fn horizontal_irradiance(&self, set: &PatchSet) -> [f64; 3] {
         let mut sum = [0.0; 3];
@@ -169,7 +178,7 @@ impl PatchWeights {
     /// # Errors
     /// As [`PatchWeights::load`].
     pub fn from_csv(text: &str, name: &str, set: &PatchSet) -> Result<Self, WeightsError> {
-        let mut weights = PatchWeights { radiance: Vec::with_capacity(set.len()), sun: None };
+        let mut weights = PatchWeights { radiance: vec![[f32::NAN; 3]; set.len()], sun: None };
         let mut rows = 0;
         for (index, line) in text.lines().enumerate() {
             if line.trim().is_empty() || (rows == 0 && line.trim().eq_ignore_ascii_case(CSV_HEADER)) {
@@ -189,15 +198,11 @@ impl PatchWeights {
 
     fn take_row(&mut self, row: usize, (place, rgb): Row, set: &PatchSet) -> Result<(), String> {
         if row < set.len() {
-            if let Some(dir) = place {
-                let expected = set.dir_world(row);
-                if dir.iter().zip(expected).any(|(a, b)| (a - b).abs() > 1e-3) {
-                    return Err(format!(
-                        "direction {dir:?} is not that of patch {row} ({expected:?}); these weights belong to another patch set"
-                    ));
-                }
+            let patch = patch_of_row(row, place, set)?;
+            if !self.radiance[patch][0].is_nan() {
+                return Err(format!("direction {:?} has a row already", set.dir_world(patch)));
             }
-            self.radiance.push(rgb);
+            self.radiance[patch] = rgb;
         } else if row == set.len() {
             let Some(dir) = place else {
                 return Err(format!(
@@ -214,6 +219,22 @@ impl PatchWeights {
             }
         }
         Ok(())
+    }
+}
+
+/// The patch that a row is for.
+fn patch_of_row(row: usize, dir: Option<[f32; 3]>, set: &PatchSet) -> Result<usize, String> {
+    let patch = match (set.listed(), dir) {
+        (None, _) => row,
+        (Some(list), None) => list.patch_of_row(row).unwrap_or(row),
+        (Some(_), Some(dir)) => set.patch_of(dir),
+    };
+    let own = set.dir_world(patch);
+    match dir {
+        Some(dir) if dir.iter().zip(own).any(|(a, b)| (a - b).abs() > 1e-3) => Err(format!(
+            "direction {dir:?} is not that of patch {patch} ({own:?}); these weights belong to another patch set"
+        )),
+        _ => Ok(patch),
     }
 }
 
@@ -303,5 +324,28 @@ mod tests {
         weights.check(&set).unwrap();
         let irradiance = weights.horizontal_irradiance(&set)[1];
         assert!((irradiance / std::f64::consts::PI - 1.0).abs() < 3e-3, "{irradiance}");
+    }
+
+    /// A list out of order: rows with directions find their patch, bare ones count as the source did.
+    #[test]
+    fn rows_for_listed_directions() {
+        use crate::patches::{Listed, ListedPatch};
+        let patch = |dir_world, row| ListedPatch { dir_world, solid_angle_sr: 0.5, row };
+        let list = [patch([0.0, 1.0, 0.0], 1), patch([0.6, 0.8, 0.0], 2), patch([0.0, -1.0, 0.0], 0)];
+        let set = PatchSet::of_list(Listed::new(&list, None).unwrap());
+        let bare = PatchWeights::from_csv("1 1 1\n2 2 2\n3 3 3\n", "w", &set).unwrap();
+        assert_eq!(bare.radiance, [[2.0; 3], [3.0; 3], [1.0; 3]]);
+        let text = "0.6,0.8,0,1,3,3,3\n0,-1,0,1,1,1,1\n0,1,0,1,2,2,2\n0,1,0,1,0.5,0.5,0.5\n";
+        let mut placed = PatchWeights::from_csv(text, "w", &set).unwrap();
+        assert_eq!(placed.radiance, bare.radiance);
+        assert_eq!(PatchWeights::from_csv(&bare.to_csv(&set), "w", &set).unwrap(), bare);
+        // The sun in the zenith is the zenith's patch: irradiance over solid angle.
+        placed.take_sun_in(&set);
+        assert_eq!((placed.sun, placed.radiance[1]), (None, [3.0; 3]));
+        assert!((placed.radiance[0][0] - 3.0).abs() < 1e-6, "{placed:?}");
+        let twice = PatchWeights::from_csv("0,1,0,1,2,2,2\n0,1,0,1,2,2,2\n0,-1,0,1,2,2,2\n", "w", &set);
+        assert!(twice.unwrap_err().to_string().contains("line 2"));
+        let foreign = PatchWeights::from_csv("0,0.9,0.436,1,2,2,2\n", "w", &set);
+        assert!(foreign.unwrap_err().to_string().contains("another patch set"));
     }
 }

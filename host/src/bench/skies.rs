@@ -72,6 +72,9 @@ pub fn load_skies(maps: &[SkyMap], field: &Field<'_>, stack_sun: Option<[f32; 3]
     for (name, model) in simulated(sun, north_deg) {
         skies.push(unlit(format!("simulated {name}"), model.weights(set)));
     }
+    if !field.answers_sun() {
+        skies.iter_mut().for_each(|sky| sky.weights.take_sun_in(set));
+    }
     Ok(skies)
 }
 

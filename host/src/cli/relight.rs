@@ -15,6 +15,7 @@ use crate::sun::position_of;
 use crate::view::Still;
 use crate::weights::{PatchWeights, SunWeight};
 use relume_firmware::field::Field;
+use relume_firmware::patches::spread;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -27,7 +28,8 @@ relume relight FIELD (--sky MAP | --weights W.csv | --light X,Y,Z) -o OUT.exr|OU
   --sky MAP          lat-long radiance map (.hdr, .exr); its sun becomes a light of its own
   --env-rot DEG      turns the map about +Y; positive turns +Z towards +X
   --weights W.csv    radiance per patch in the field's order, the sun's irradiance last
-  --light X,Y,Z      nothing but a sun in this direction (towards the light), irradiance 1 in R, G and B
+  --light X,Y,Z      nothing but a sun in this direction (towards the light), irradiance 1 in R, G and B. An imported field
+                     shows the pictures of up to three lights around it, in shares that keep a matt surface exact
   --view STILL       PNG only: the picture behind, PNG or JPEG of the field's size; black if left out
   --exposure EV      PNG only: radiance x 2^EV is display white at 1.
                      Left out: 0.8 / the 99th percentile of the covered channel values of this picture
@@ -85,8 +87,11 @@ fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     check_writable(out)?;
     let file = FieldFile::open(required(options.field.as_ref(), "FIELD")?).or_bad()?;
     let field = file.field();
-    let weights = options.weights(&field)?;
+    let mut weights = options.weights(&field)?;
     refuse_foreign_sun(&field, &weights)?;
+    if !field.answers_sun() {
+        take_sun_in(&field, &mut weights)?;
+    }
     let told = match format {
         PictureFormat::Exr => write_radiance(&options, field, &weights)?,
         PictureFormat::Png => write_shown(&options, field, &weights)?,
@@ -143,7 +148,7 @@ impl Options {
                 crate::split::weights(&map, patches, self.env_rot_deg.unwrap_or(0.0)).or_bad()
             }
             Light::Weights(path) => PatchWeights::load(path, patches).or_bad(),
-            Light::Direction(dir) => directional(*dir, patches.len()),
+            Light::Direction(dir) => directional(*dir, field),
         }
     }
 
@@ -163,14 +168,35 @@ impl Options {
 }
 
 /// A sun of irradiance 1 and no sky.
-fn directional(dir: [f64; 3], patches: usize) -> Result<PatchWeights, Failure> {
-    let length = dir.iter().map(|c| c * c).sum::<f64>().sqrt();
+fn directional(dir: [f64; 3], field: &Field<'_>) -> Result<PatchWeights, Failure> {
+    let (length, patches) = (dir.iter().map(|c| c * c).sum::<f64>().sqrt(), field.patch_set().len());
     let [x, y, z] = dir;
-    if !(length.is_finite() && length > 1e-12 && y > 0.0) {
+    if !(length.is_finite() && length > 1e-12) {
+        return Err(Failure::bad(format!("--light {x},{y},{z}: must point towards a light")));
+    }
+    if field.answers_sun() && y <= 0.0 {
         return Err(Failure::bad(format!("--light {x},{y},{z}: must point towards a light above the horizon (y > 0)")));
     }
     let sun = SunWeight { dir_world: dir.map(|c| (c / length) as f32), irradiance: [1.0; 3] };
     Ok(PatchWeights { radiance: vec![[0.0; 3]; patches], sun: Some(sun) })
+}
+
+/// Lets the patches around the sun stand for it, and tells which.
+fn take_sun_in(field: &Field<'_>, weights: &mut PatchWeights) -> Result<(), Failure> {
+    let (set, Some(sun)) = (field.patch_set(), weights.sun) else { return Ok(()) };
+    let Some(shares) = spread(set, sun.dir_world) else {
+        let [x, y, z] = sun.dir_world;
+        return Err(Failure::bad(format!(
+            "a light at {x},{y},{z} is behind all lights of this field; they stand before {:?}",
+            set.horizon().unwrap_or_default()
+        )));
+    };
+    let told = shares.iter().filter(|share| share.share > 0.0);
+    let told: Vec<String> = told.map(|share| format!("{:.3} x patch {}", share.share, share.patch)).collect();
+    let told = if told.is_empty() { "no patch".to_owned() } else { told.join(" + ") };
+    eprintln!("sun: {told} (the field does not answer suns between its patches)");
+    weights.take_sun_in(set);
+    Ok(())
 }
 
 /// A field that was baked for a site answers only the suns that can stand there.
@@ -239,7 +265,8 @@ fn tell(options: &Options, field: &Field<'_>, weights: &PatchWeights, used: Used
             "sun: azimuth {:.2}, altitude {:.2} degrees, irradiance {:?}",
             sun.azimuth_deg, sun.altitude_deg, sun.irradiance
         ),
-        None => eprintln!("sun: none"),
+        None if field.answers_sun() => eprintln!("sun: none"),
+        None => {}
     }
     if let Some(exposure) = exposure {
         eprintln!("exposure: {exposure:.6} (EV {:.3})", exposure.log2());
