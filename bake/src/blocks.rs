@@ -8,7 +8,6 @@ use crate::sunlayers::CasterLayers;
 use crate::write::FieldTile;
 use nalgebra::DMatrix;
 use relume_firmware::bound::GROUP;
-use relume_firmware::patches::PatchSet;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -46,13 +45,8 @@ pub struct BlockCompressor {
 }
 
 impl BlockCompressor {
-    /// A compressor for fields of this patch set that aims at `error` ([`Target::error`]).
-    pub fn new(patches: &PatchSet, error: f64, whites: Whites, casters: CasterLayers) -> Self {
-        Self::with_prior(Prior::skies(patches), error, whites, casters)
-    }
-
-    /// The same for other light than skies.
-    pub fn with_prior(skies: Prior, error: f64, whites: Whites, casters: CasterLayers) -> Self {
+    /// A compressor for fields that aims at `error` ([`Target::error`]) under the light of a prior.
+    pub fn new(skies: Prior, error: f64, whites: Whites, casters: CasterLayers) -> Self {
         let target = Target { error, ..Target::default() };
         BlockCompressor { basis: bound_basis(&skies), patches: skies.patches(), skies, target, whites, casters }
     }

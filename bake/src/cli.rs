@@ -29,7 +29,7 @@ relume-bake: makes the field that a post relights.
       --stack DIR      also write the uncompressed stack (EXR) there
       --sun AZ,ALT     with --stack: also sun.exr for that sun, degrees
       --sun-paths N    light paths from each of a pixel's 16 points that find its indirect sunlight (80)
-      --error P%       relative error that the compression aims at
+      --error P%       relative error that the compression aims at for the picture's bright end (0.8%)
       --test-sky MAP   also tell the field's error under this captured map, .hdr or .exr, without its sun (may be repeated)
       --seed N         the same seed gives the same bytes (1)
       --threads N      threads to use (all cores)

@@ -23,8 +23,8 @@ pub use wayback::{PatchRows, Whites, tile_rows};
 /// How far a compressed tile may be from the response.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target {
-    /// Relative error (rms under the prior) that a pixel as bright as white paint in the open may have. Darker pixels may
-    /// have more, by the square root of their brightness.
+    /// Relative error (rms under the prior) that a pixel at the picture's bright end ([`crate::brightness`]) may have. Darker
+    /// pixels may have more, by the square root of their brightness.
     pub error: f64,
     /// Largest rank; at most 96.
     pub max_rank: usize,
@@ -117,7 +117,7 @@ impl<'a> Rows<'a> {
         rms.iter_mut().filter(|r| r.is_nan() || **r <= 1e-7 * brightest).for_each(|r| *r = 0.0);
         let importance = rms
             .iter()
-            .map(|&r| if r > 0.0 { (r / prior.white_paint()).powf(DARK_POWER).clamp(DARK_FLOOR, 1.0) } else { 0.0 })
+            .map(|&r| if r > 0.0 { (r / prior.white()).powf(DARK_POWER).clamp(DARK_FLOOR, 1.0) } else { 0.0 })
             .collect();
         Rows { response, seen, rms, importance }
     }

@@ -154,7 +154,7 @@ impl fmt::Display for Info {
         let target = 100.0 * self.error_target;
         writeln!(
             f,
-            "target    {target:.3} % of a pixel as bright as white paint in the open, under the prior's skies"
+            "target    {target:.3} % of a pixel as bright as the picture's bright end, under the prior's skies"
         )?;
         for error in self.bake.iter().flat_map(|bake| &bake.held_out) {
             writeln!(

@@ -3,10 +3,11 @@
 use crate::bake::{BakeError, BakeOptions, sun_dir_world};
 use crate::blocks::{BlockCompressor, BlockTile, FieldBlock};
 use crate::bouncepoints::BouncePoints;
+use crate::brightness::brightness;
 use crate::camera::Camera;
-use crate::compress::Whites;
 use crate::error::{ExactTile, TestLight};
 use crate::heldout::{TestSky, captured, test_skies};
+use crate::prior::Prior;
 use crate::progress::Progress;
 use crate::response::Transport;
 use crate::scene::Scene;
@@ -77,7 +78,8 @@ impl<'s> Job<'s> {
             options.test_maps.iter().map(|path| captured(path, &patches)).collect();
         let test_light = TestLight::new(test_skies(&patches).into_iter().chain(maps?).collect());
         let transport = Transport::new(scene, camera, patches, options.size, options.transport)?;
-        let whites = whites(scene, camera, patches, options)?;
+        let samples = small_picture(scene, camera, patches, options)?;
+        let (skies, whites) = brightness(Prior::skies(&patches), &samples);
         let stack_sun = options.stack_sun.map(|sun| (sun, sun_dir_world(sun, camera.north_deg)));
         let stack = options.stack.as_deref().map(|dir| {
             let transport = &options.transport;
@@ -91,7 +93,7 @@ impl<'s> Job<'s> {
         Ok(Job {
             bounce: transport.bounce_points(),
             transport,
-            compressor: BlockCompressor::new(&patches, options.error, whites, CasterLayers::new(scene)),
+            compressor: BlockCompressor::new(skies, options.error, whites, CasterLayers::new(scene)),
             stack,
             stack_sun: stack_sun.map(|(_, dir)| SunDisc::new(dir)),
             test_light,
@@ -185,8 +187,13 @@ impl<E, F: FnMut(DoneBlock) -> Result<(), E>> InOrder<F> {
     }
 }
 
-/// Display white under each patch alone, from a small picture of the same view.
-fn whites(scene: &Scene, camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Result<Whites, BakeError> {
+/// The response `[pixel][3][patch]` of what a small picture of the same view covers.
+fn small_picture(
+    scene: &Scene,
+    camera: &Camera,
+    patches: PatchSet,
+    options: &BakeOptions,
+) -> Result<Vec<f32>, BakeError> {
     let (width, height) = options.size;
     let times = (f64::from(width) * f64::from(height) / SMALL_PX).sqrt().floor().max(2.0) as u32;
     let size = (width.div_ceil(times), height.div_ceil(times));
@@ -194,7 +201,7 @@ fn whites(scene: &Scene, camera: &Camera, patches: PatchSet, options: &BakeOptio
     let (columns, rows) = small.tiles();
     let places: Vec<(u32, u32)> = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).collect();
     let tiles: Vec<Vec<f32>> = places.par_iter().map(|&(x, y)| small.tile(x, y).response).collect();
-    Ok(Whites::of(&tiles.concat(), patches.len()))
+    Ok(tiles.concat())
 }
 
 #[cfg(test)]

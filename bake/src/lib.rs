@@ -4,6 +4,7 @@ pub mod assembly;
 pub mod bake;
 pub mod blocks;
 pub mod bouncepoints;
+pub mod brightness;
 pub mod camera;
 pub mod cli;
 pub mod compress;

@@ -51,7 +51,7 @@ pub struct Prior {
     /// `B`, patches x modes.
     basis: DMatrix<f32>,
     basis_transposed: DMatrix<f32>,
-    white_paint: f64,
+    white: f64,
     /// Cholesky factor of the inverse of `C` plus a ridge, patches x patches, lower, unit diagonal: column `i` tells
     /// how rounding entry `i` is best made up for by the later entries.
     feedback: DMatrix<f32>,
@@ -72,8 +72,8 @@ impl Prior {
     }
 
     /// The same, where a surface of this rms radiance under it counts as white.
-    pub fn with_white(self, white_paint: f64) -> Prior {
-        Prior { white_paint, ..self }
+    pub fn with_white(self, white: f64) -> Prior {
+        Prior { white, ..self }
     }
 
     /// The prior of skies with its mixture spelled out.
@@ -116,9 +116,10 @@ impl Prior {
         &self.basis_transposed
     }
 
-    /// Rms radiance, under the prior, of a level white surface (albedo 0.8) in the open.
-    pub(crate) fn white_paint(&self) -> f64 {
-        self.white_paint
+    /// Rms radiance, under the prior, of what counts as white: of a level white surface (albedo 0.8) in the open, unless
+    /// [`Prior::with_white`] has told another.
+    pub(crate) fn white(&self) -> f64 {
+        self.white
     }
 
     pub(crate) fn feedback(&self) -> &DMatrix<f32> {
@@ -146,9 +147,9 @@ impl Prior {
             let cosine = set.dir_world(patch).iter().zip(facing).map(|(d, a)| d * a).sum::<f32>();
             0.8 / std::f32::consts::PI * cosine.max(0.0) * set.solid_angle_sr(patch)
         });
-        let white_paint = f64::from((paint * &basis).norm());
+        let white = f64::from((paint * &basis).norm());
         let basis_transposed = basis.transpose();
-        Prior { basis, basis_transposed, white_paint, feedback }
+        Prior { basis, basis_transposed, white, feedback }
     }
 }
 

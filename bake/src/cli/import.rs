@@ -36,7 +36,7 @@ relume-bake import STACK -o FIELD: makes a field of pictures that others made, o
                       Environments count before it only, and a light's cell ends there
   --shrink N          pixels are means over N x N pixels of the pictures (1)
   --camera FILE       where the camera stood, as for `relume-bake scene`; noted in the field
-  --error P%          relative error that the compression aims at
+  --error P%          relative error that the compression aims at for the picture's bright end (0.8%)
   --test-sky MAP      also tell the field's error under this captured map, .hdr or .exr (may be repeated)
   --stack DIR         also write the responses, uncompressed (EXR), as `relume bench` and `relight --exact` read them
   --threads N         threads to use (all cores)

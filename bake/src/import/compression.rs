@@ -10,8 +10,9 @@ use crate::assembly::Assembly;
 use crate::bake::{BakeError, Baked};
 use crate::blocks::{BlockCompressor, BlockTile};
 use crate::bouncepoints::BouncePoints;
+use crate::brightness::brightness;
 use crate::camera::Camera;
-use crate::compress::{Target, Whites};
+use crate::compress::Target;
 use crate::error::{ExactTile, TestLight};
 use crate::heldout::{TestSky, captured, test_lights};
 use crate::job::{DoneBlock, block_count, block_grid, in_order};
@@ -75,9 +76,6 @@ impl Default for ImportOptions {
 const SAMPLES: f64 = 3072.0;
 /// Above so many pixels the sums that errors are told by would take too much memory: none are told.
 const MOST_TESTED_PX: usize = 8_000_000;
-/// Share of pixels that are darker than what counts as white.
-const WHITE_SHARE: f64 = 0.99;
-
 /// Makes a field of a set of pictures. The same pictures and options give the same bytes whatever the number of threads.
 ///
 /// # Errors
@@ -91,10 +89,10 @@ pub fn import(mut source: Source, options: &ImportOptions) -> Result<Baked, Impo
     let sheet = Sheet::of(&source, options.shrink)?;
     let test_light = test_light(&lights.set, sheet.coverage.len(), &options.test_maps)?;
     let read = read_all(&source, &lights, &sheet, options)?;
-    let (prior, whites) = brightness(&lights.set, &read.samples);
+    let (prior, whites) = brightness(Prior::for_set(&lights.set), &read.samples);
     let work = Work {
         stack: stack_writer(&source, &lights.set, sheet.size, options)?,
-        compressor: BlockCompressor::with_prior(prior, options.error, whites, CasterLayers::none()),
+        compressor: BlockCompressor::new(prior, options.error, whites, CasterLayers::none()),
         patches: lights.set.len(),
         spool: read.spool,
         sheet,
@@ -220,25 +218,6 @@ fn sample_places(sheet: &Sheet) -> Vec<usize> {
     let step = (covered.len() as f64 / SAMPLES).max(1.0);
     let count = (covered.len() as f64 / step) as usize;
     (0..count).map(|k| covered[(k as f64 * step) as usize]).collect()
-}
-
-/// The prior, with what counts as white in these pictures, and display white under each light alone.
-fn brightness(set: &PatchSet, samples: &[f32]) -> (Prior, Whites) {
-    let prior = Prior::for_set(set);
-    let basis = prior.basis();
-    let rms = |row: &[f32]| {
-        let modes = basis.column_iter().map(|mode| mode.iter().zip(row).map(|(m, r)| m * r).sum::<f32>());
-        f64::from(modes.map(|v| v * v).sum::<f32>().sqrt())
-    };
-    let mut bright: Vec<f64> = samples.par_chunks_exact(set.len()).map(rms).collect();
-    bright.sort_unstable_by(f64::total_cmp);
-    let at = (WHITE_SHARE * bright.len().saturating_sub(1) as f64) as usize;
-    let white = bright.get(at).copied().filter(|&white| white > 0.0);
-    let prior = match white.or(bright.last().copied()).filter(|&white| white > 0.0) {
-        Some(white) => prior.with_white(white),
-        None => prior,
-    };
-    (prior, Whites::of(samples, set.len()))
 }
 
 fn test_light(set: &PatchSet, pixels: usize, maps: &[PathBuf]) -> Result<TestLight, ImportError> {
