@@ -5,6 +5,7 @@ use crate::blocks::BlockCompressor;
 use crate::camera::Camera;
 use crate::error::{ExactTile, TestLight};
 use crate::job::{DoneBlock, Job};
+use crate::noise::{Noise, covered_tiles, some_of};
 use crate::report::Report;
 use crate::viewpoint::TransportError;
 use crate::write::FieldWriter;
@@ -81,7 +82,7 @@ impl Assembly {
     /// [`BakeError`]: nothing of the scene is lit, or the stack cannot be written.
     pub fn finish(
         mut self,
-        job: Job<'_>,
+        mut job: Job<'_>,
         camera: &Camera,
         options: &BakeOptions,
         took: Duration,
@@ -93,6 +94,8 @@ impl Assembly {
         if let Some(stack) = job.stack {
             stack.finish()?;
         }
+        let tiles = some_of(&covered_tiles(&job.transport));
+        self.report.noise = Some(Noise::of(&mut job.transport, &tiles, &job.test_light));
         let casters = job.compressor.casters;
         let scene = [casters.casters, casters.nodes, job.bounce.layer()];
         self.into_field(header(camera, job.patches, options), scene, &job.test_light)

@@ -2,9 +2,10 @@
 
 use crate::assembly::Assembly;
 use crate::camera::Camera;
-use crate::job::Job;
+use crate::job::{DoneBlock, Job};
 use crate::ledger::{Ledger, LedgerError};
 use crate::plan::{PlanError, identity};
+use crate::preview::{PREVIEW_SKY, Preview};
 use crate::report::Report;
 use crate::response::TransportOptions;
 use crate::scene::Scene;
@@ -39,6 +40,8 @@ pub struct BakeOptions {
     pub test_maps: Vec<PathBuf>,
     /// Where blocks that are done are kept until the field is.
     pub ledger: Option<LedgerOptions>,
+    /// A picture of the bake while it runs, PNG.
+    pub preview: Option<PathBuf>,
     /// Show a bar with the time left on a terminal.
     pub progress: bool,
 }
@@ -64,6 +67,7 @@ impl Default for BakeOptions {
             site: None,
             test_maps: Vec::new(),
             ledger: None,
+            preview: None,
             progress: true,
         }
     }
@@ -131,21 +135,45 @@ pub fn sun_dir_world([azimuth_deg, altitude_deg]: [f64; 2], north_deg: f64) -> V
 pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Baked, BakeError> {
     let started = Instant::now();
     let job = Job::new(scene, camera, options)?;
-    let mut assembly = Assembly::new(&job);
+    let mut intake = Intake::new(&job, options);
     let open = |kept: &LedgerOptions| {
         let bake = (identity(scene, camera, options)?, 0..job.blocks());
-        Ok::<_, BakeError>(Ledger::open(&kept.path, bake, kept.resume, |block| assembly.push(block))?)
+        Ok::<_, BakeError>(Ledger::open(&kept.path, bake, kept.resume, |block| intake.take(block))?)
     };
     let mut ledger = options.ledger.as_ref().map(open).transpose()?;
-    job.run(assembly.next()..job.blocks(), options.progress, |block| {
+    job.run(intake.assembly.next()..job.blocks(), options.progress, |block| {
         ledger.as_mut().map(|ledger| ledger.append(&block)).transpose()?;
-        assembly.push(block);
+        intake.take(block);
         Ok(())
     })?;
-    let baked = assembly.finish(job, camera, options, started.elapsed());
+    let baked = intake.assembly.finish(job, camera, options, started.elapsed());
     if let (Err(_), Some(ledger)) = (&baked, ledger) {
         // Every block is there and they make no field: no second run would.
         ledger.discard();
     }
+    if let Some(Err(fault)) = intake.preview.map(|preview| preview.write()) {
+        eprintln!("notice: --preview: {fault}; the field does not need it");
+    }
     baked
+}
+
+/// Where blocks that are done go.
+struct Intake {
+    assembly: Assembly,
+    preview: Option<Preview>,
+}
+
+impl Intake {
+    fn new(job: &Job<'_>, options: &BakeOptions) -> Self {
+        let sky = job.test_light.names().position(|name| name == PREVIEW_SKY).unwrap_or(0);
+        let begin = |file: &PathBuf| Preview::new(file.clone(), options.size, sky, &job.small);
+        Intake { assembly: Assembly::new(job), preview: options.preview.as_ref().map(begin) }
+    }
+
+    fn take(&mut self, block: DoneBlock) {
+        if let Some(preview) = &mut self.preview {
+            preview.add(&block);
+        }
+        self.assembly.push(block);
+    }
 }

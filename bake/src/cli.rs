@@ -30,9 +30,13 @@ relume-bake: makes the field that a post relights.
       --sun AZ,ALT     with --stack: also sun.exr for that sun, degrees
       --sun-paths N    light paths from each of a pixel's 16 points that find its indirect sunlight (80)
       --error P%       relative error that the compression aims at for the picture's bright end (0.8%)
+      --noise P%       sample as finely as leaves a single pixel at most this noise under the noisiest of eight skies
+      --time T         sample as finely as the bake ends in about this time (90s, 10m, 1.5h) on this machine; two such
+                       bakes need not be the same bytes
       --test-sky MAP   also tell the field's error under this captured map, .hdr or .exr, without its sun (may be repeated)
       --seed N         the same seed gives the same bytes (1)
       --threads N      threads to use (all cores)
+      --preview PNG    a picture of the bake while it runs, sharper with every block that is done
       --json           print the report as JSON
       --resume         go on where an interrupted bake of the same field stopped (it left FIELD.part)
   relume-bake plan SCENE.glb --camera CAM.json --size WxH [options as above] -o PLAN.toml

@@ -56,6 +56,11 @@ impl TestLight {
         ExactTile(self.by_channel.iter().map(of_sky).collect())
     }
 
+    /// Names of the skies.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.skies.iter().map(|sky| sky.name.as_str())
+    }
+
     /// The errors of `field`, whose tiles' exact sums are `exact`, under every sky.
     ///
     /// # Errors
@@ -69,6 +74,19 @@ impl TestLight {
 /// Exact sums of one tile under every sky.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ExactTile(Vec<Vec<f32>>);
+
+impl ExactTile {
+    /// Of sums per sky, `[pixel][3]`.
+    #[cfg(test)]
+    pub(crate) fn of_sums(by_sky: Vec<Vec<f32>>) -> Self {
+        ExactTile(by_sky)
+    }
+
+    /// Per sky `[pixel][3]`.
+    pub fn by_sky(&self) -> impl Iterator<Item = &[f32]> {
+        self.0.iter().map(Vec::as_slice)
+    }
+}
 
 fn error_under<'e>(
     field: &Field<'_>,

@@ -121,7 +121,7 @@ impl<'s> Geometry<'s> {
     /// `seed` and the triangle. `dir_world` is a unit vector.
     pub fn closest(&self, origin: Vec3A, dir_world: Vec3A, seed: u32) -> Option<Hit> {
         let mut hit = RayHit::none();
-        let ray = Ray::new_inf(origin, dir_world);
+        let ray = ray(origin, dir_world);
         if self.any_see_through {
             self.bvh.ray_traverse(ray, &mut hit, |ray, leaf| {
                 let t = self.leaves[leaf].intersect(ray);
@@ -144,7 +144,7 @@ impl<'s> Geometry<'s> {
     /// The share of light, 0..1, that reaches `origin` from infinity along the unit vector `dir_world`.
     #[inline]
     pub fn transmittance(&self, origin: Vec3A, dir_world: Vec3A) -> f32 {
-        let ray = Ray::new_inf(origin, dir_world);
+        let ray = ray(origin, dir_world);
         if !self.any_see_through {
             let miss = self.bvh.ray_traverse_miss(ray, |ray, leaf| self.leaves[leaf].intersect(ray));
             return if miss { 1.0 } else { 0.0 };
@@ -174,10 +174,15 @@ impl<'s> Geometry<'s> {
         let [na, nb, nc] = triangle.normals.map(Vec3A::from);
         let smooth = (na * weights.x + nb * weights.y + nc * weights.z).try_normalize().unwrap_or(normal_flat);
         let normal = if smooth.dot(normal_flat) < 0.0 { -smooth } else { smooth };
-        let lift = point.abs().max_element() * LIFT_COORDINATE + self.lift_scene;
+        let lift = self.lift(point);
         let color = self.color(hit.triangle, weights);
         let albedo = Vec3A::new(color.x, color.y, color.z);
         Surface { triangle: hit.triangle, position: point + normal_flat * lift, normal_flat, normal, albedo }
+    }
+
+    /// How far a point of a surface is lifted off it, m.
+    pub fn lift(&self, point: Vec3A) -> f32 {
+        point.abs().max_element() * LIFT_COORDINATE + self.lift_scene
     }
 
     fn opacity(&self, leaf: usize, origin: Vec3A, dir_world: Vec3A) -> f32 {
@@ -219,6 +224,11 @@ pub(crate) fn may_let_light_through(scene: &Scene, material: &Material) -> bool 
     }
 }
 
+/// A negative zero would send the traversal to the wrong side of the tree; adding zero makes it a positive one.
+fn ray(origin: Vec3A, dir_world: Vec3A) -> Ray {
+    Ray::new_inf(origin, dir_world + Vec3A::ZERO)
+}
+
 /// Weights of the second and third corner where the ray meets the triangle's plane, and whether it meets the back.
 fn barycentric(triangle: &obvhs::triangle::Triangle, origin: Vec3A, dir_world: Vec3A) -> (Vec2, bool) {
     let (edge1, edge2) = (triangle.v1 - triangle.v0, triangle.v2 - triangle.v0);
@@ -228,4 +238,21 @@ fn barycentric(triangle: &obvhs::triangle::Triangle, origin: Vec3A, dir_world: V
     let at = Vec2::new(-across.dot(edge2), across.dot(edge1)) / facing;
     let at = if at.is_finite() { at.clamp(Vec2::ZERO, Vec2::ONE) } else { Vec2::splat(1.0 / 3.0) };
     (at, facing > 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::response::tests::{floor, quads};
+
+    #[test]
+    fn negative_zeros_in_a_direction_meet_what_positive_ones_do() {
+        let (scene, origin) = (quads(&[(floor(3.0, -2.0), 0.5)]), Vec3A::new(0.3, 0.0, 0.7));
+        let geometry = Geometry::new(&scene);
+        for dir_world in [Vec3A::new(0.0, -1.0, 0.0), Vec3A::new(-0.0, -1.0, -0.0), -Vec3A::Y] {
+            let hit = geometry.closest(origin, dir_world, 0);
+            assert_eq!(hit.map(|hit| hit.distance), Some(2.0), "{dir_world:?}");
+            assert_eq!(geometry.transmittance(origin, dir_world), 0.0, "{dir_world:?}");
+        }
+    }
 }

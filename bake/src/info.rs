@@ -1,5 +1,6 @@
 //! `relume-bake info`: what is in a field.
 
+use crate::noise::Noise;
 use crate::report::Report;
 use relume_firmware::field::{CameraRecord, Field};
 use relume_firmware::glue::failure::Failure;
@@ -130,6 +131,16 @@ impl Info {
     }
 }
 
+fn write_noise(f: &mut fmt::Formatter<'_>, noise: &Noise) -> fmt::Result {
+    // Patches that hardly light anything are all noise and mean nothing: the worst of all is not told.
+    let [median, high] = [0.5, 0.9].map(|share| 100.0 * noise.of_patches(share));
+    writeln!(f, "noise     {median:.0} % of a patch's mean light in a pixel: median patch; {high:.0} %: nine in ten")?;
+    for sky in &noise.skies {
+        writeln!(f, "noise     {:22} {:.2} % of the mean in a pixel", sky.sky, 100.0 * sky.noise)?;
+    }
+    Ok(())
+}
+
 impl fmt::Display for Info {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let camera = &self.camera;
@@ -165,6 +176,9 @@ impl fmt::Display for Info {
                 error.worst_code,
                 100.0 * error.share_off_by_more_than_one
             )?;
+        }
+        if let Some(noise) = self.bake.as_ref().and_then(|bake| bake.noise.as_ref()) {
+            write_noise(f, noise)?;
         }
         writeln!(f, "sun       {} casters", self.sun_casters)?;
         for layer in &self.layers {

@@ -7,9 +7,10 @@ use crate::brightness::brightness;
 use crate::camera::Camera;
 use crate::error::{ExactTile, TestLight};
 use crate::heldout::{TestSky, captured, test_skies};
+use crate::preview::{Part, SmallPicture};
 use crate::prior::Prior;
 use crate::progress::Progress;
-use crate::response::Transport;
+use crate::response::{TileResponse, Transport};
 use crate::scene::Scene;
 use crate::stack::{Manifest, ManifestSun, StackWriter};
 use crate::sun::SunDisc;
@@ -49,11 +50,14 @@ pub fn block_count(size: (u32, u32)) -> u32 {
 
 /// Everything that all blocks share.
 pub struct Job<'s> {
-    transport: Transport<'s>,
+    /// Light from the patches to the pixels.
+    pub transport: Transport<'s>,
     /// Turns responses into bytes.
     pub compressor: BlockCompressor,
     /// What sunlight is passed on from.
     pub bounce: BouncePoints,
+    /// The whole view, small.
+    pub small: SmallPicture,
     /// The uncompressed stack, if one is wanted.
     pub stack: Option<StackWriter>,
     stack_sun: Option<SunDisc>,
@@ -78,7 +82,8 @@ impl<'s> Job<'s> {
             options.test_maps.iter().map(|path| captured(path, &patches)).collect();
         let test_light = TestLight::new(test_skies(&patches).into_iter().chain(maps?).collect());
         let transport = Transport::new(scene, camera, patches, options.size, options.transport)?;
-        let samples = small_picture(scene, camera, patches, options)?;
+        let small_tiles = small_tiles(scene, camera, patches, options)?;
+        let samples: Vec<f32> = small_tiles.1.iter().flat_map(|tile| tile.response.iter().copied()).collect();
         let (skies, whites) = brightness(Prior::skies(&patches), &samples);
         let stack_sun = options.stack_sun.map(|sun| (sun, sun_dir_world(sun, camera.north_deg)));
         let stack = options.stack.as_deref().map(|dir| {
@@ -93,6 +98,7 @@ impl<'s> Job<'s> {
         Ok(Job {
             bounce: transport.bounce_points(),
             transport,
+            small: small_picture(small_tiles, &test_light),
             compressor: BlockCompressor::new(skies, options.error, whites, CasterLayers::new(scene)),
             stack,
             stack_sun: stack_sun.map(|(_, dir)| SunDisc::new(dir)),
@@ -134,17 +140,26 @@ impl<'s> Job<'s> {
         let mut tiles = Vec::with_capacity(BLOCK_TILES * BLOCK_TILES);
         for ty in (place.1 * edge..(place.1 + 1) * edge).take_while(|&ty| ty < rows) {
             for tx in (place.0 * edge..(place.0 + 1) * edge).take_while(|&tx| tx < columns) {
-                let response = self.transport.tile(tx, ty);
-                let Gathered { bounce, sun } = self.transport.gather(&self.bounce, &response, self.stack_sun.as_ref());
-                if let Some(stack) = &self.stack {
-                    let sun = self.stack_sun.as_ref().map(|disc| self.transport.sun_tile(&response, &sun, disc));
-                    stack.write_tile(&response, sun.as_deref())?;
-                }
-                tiles.push(BlockTile { at: (tx, ty), response, bounce });
+                tiles.push(self.gathered((tx, ty), self.transport.tile(tx, ty))?);
             }
         }
+        Ok(self.compressed(number, tiles))
+    }
+
+    /// A tile with what sunlight it gets by way of others; written to the stack.
+    pub(crate) fn gathered(&self, at: (u32, u32), response: TileResponse) -> Result<BlockTile, BakeError> {
+        let Gathered { bounce, sun } = self.transport.gather(&self.bounce, &response, self.stack_sun.as_ref());
+        if let Some(stack) = &self.stack {
+            let sun = self.stack_sun.as_ref().map(|disc| self.transport.sun_tile(&response, &sun, disc));
+            stack.write_tile(&response, sun.as_deref())?;
+        }
+        Ok(BlockTile { at, response, bounce })
+    }
+
+    /// The block of these tiles, compressed.
+    pub(crate) fn compressed(&self, number: u32, tiles: Vec<BlockTile>) -> DoneBlock {
         let exact = tiles.iter().map(|tile| self.test_light.sums(&tile.response.response)).collect();
-        Ok(DoneBlock { number, block: self.compressor.block(tiles), exact })
+        DoneBlock { number, block: self.compressor.block(tiles), exact }
     }
 }
 
@@ -187,21 +202,29 @@ impl<E, F: FnMut(DoneBlock) -> Result<(), E>> InOrder<F> {
     }
 }
 
-/// The response `[pixel][3][patch]` of what a small picture of the same view covers.
-fn small_picture(
+/// Size and response of a small picture of the same view.
+fn small_tiles(
     scene: &Scene,
     camera: &Camera,
     patches: PatchSet,
     options: &BakeOptions,
-) -> Result<Vec<f32>, BakeError> {
+) -> Result<((u32, u32), Vec<TileResponse>), BakeError> {
     let (width, height) = options.size;
     let times = (f64::from(width) * f64::from(height) / SMALL_PX).sqrt().floor().max(2.0) as u32;
     let size = (width.div_ceil(times), height.div_ceil(times));
     let small = Transport::new(scene, camera, patches, size, options.transport)?;
     let (columns, rows) = small.tiles();
     let places: Vec<(u32, u32)> = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).collect();
-    let tiles: Vec<Vec<f32>> = places.par_iter().map(|&(x, y)| small.tile(x, y).response).collect();
-    Ok(tiles.concat())
+    Ok((size, places.par_iter().map(|&(x, y)| small.tile(x, y)).collect()))
+}
+
+/// What the small picture shows under the held-out skies.
+fn small_picture((size, tiles): ((u32, u32), Vec<TileResponse>), light: &TestLight) -> SmallPicture {
+    let part = |tile: &TileResponse| {
+        let at = |&index: &u16| (tile.place(index).into(), tile.coverage[usize::from(index)]);
+        Part { pixels: tile.covered.iter().map(at).collect(), exact: light.sums(&tile.response) }
+    };
+    SmallPicture { size, parts: tiles.iter().map(part).collect() }
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! What a bake says about itself: the META layer and `relume-bake info`.
 
 use crate::error::SkyError;
+use crate::noise::Noise;
 use crate::write::{FieldTile, FieldWriter};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -26,6 +27,9 @@ pub struct Report {
     /// Errors against the response before compression, under skies that no prior knows.
     #[serde(default)]
     pub held_out: Vec<SkyError>,
+    /// Noise of the light transport, estimated on some tiles.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise: Option<Noise>,
     /// What an imported field was made from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub imported: Option<Imported>,

@@ -134,6 +134,11 @@ impl<'s> Transport<'s> {
         })
     }
 
+    /// Number of patches.
+    pub fn patches(&self) -> usize {
+        self.patches.len()
+    }
+
     /// Tiles across and down.
     pub fn tiles(&self) -> (u32, u32) {
         (self.width.div_ceil(TILE), self.height.div_ceil(TILE))

@@ -73,6 +73,30 @@ fn shares_join_to_the_field_of_one_bake() {
 }
 
 #[test]
+fn a_plan_keeps_the_sampling_that_a_noise_asked_for() {
+    let folder = courtyard("noise");
+    bake_in(&folder, &args("plan", "usual.toml", &[])).well();
+    let told = bake_in(&folder, &args("plan", "coarse.toml", &["--noise", "60%"])).well();
+    assert!(told.stderr.contains("sampling: 4 rays to a patch, 1 paths"), "{}", told.stderr);
+    bake_in(&folder, &args("scene", "coarse.field", &["--noise", "60%", "--preview", "look.png"])).well();
+    bake_in(&folder, &["scene", "--plan", "coarse.toml", "--tiles", "0..12", "-o", "share"]).well();
+    bake_in(&folder, &["merge", "coarse.toml", "share", "-o", "joined.field"]).well();
+    assert!(bytes(&folder.join("joined.field")) == bytes(&folder.join("coarse.field")), "the bytes differ");
+    let paths = |plan: &str| std::fs::read_to_string(folder.join(plan)).unwrap().contains("paths = 1\n");
+    assert!(paths("coarse.toml") && !paths("usual.toml"));
+    let info = bake_in(&folder, &["info", "coarse.field"]).well().stdout;
+    let noise: Vec<&str> = info.lines().filter(|line| line.starts_with("noise")).collect();
+    assert_eq!(noise.len(), 9, "{info}");
+    let look = std::fs::read(folder.join("look.png")).unwrap();
+    assert!(look.starts_with(b"\x89PNG"));
+
+    let scene = |more: &[&str]| bake_in(&folder, &args("scene", "x.field", more));
+    scene(&["--noise", "0%"]).refused(2, &["--noise 0%", "percentage"]);
+    scene(&["--time", "10"]).refused(2, &["--time 10", "unit"]);
+    scene(&["--time", "10m", "--resume"]).refused(2, &["--resume", "--time"]);
+}
+
+#[test]
 fn a_killed_bake_goes_on_and_gives_the_same_bytes() {
     let folder = courtyard("killed");
     bake_in(&folder, &args("scene", "whole.field", &[])).well();

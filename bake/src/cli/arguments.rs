@@ -1,9 +1,10 @@
 //! What `scene`, `plan` and `merge` are told, and what it means.
 
-use super::values::{number, percent, range, site, size, sun, text};
+use super::values::{ERRORS, NOISES, duration, number, percent, range, site, size, sun, text};
 use crate::bake::{BakeError, BakeOptions};
 use crate::camera::Camera;
 use crate::demo_scene;
+use crate::effort::{self, Goal};
 use crate::scene::{self, Scene};
 use crate::stack::StackError;
 use lexopt::prelude::*;
@@ -27,6 +28,8 @@ pub(super) struct Arguments {
     pub(super) threads: usize,
     pub(super) json: bool,
     pub(super) options: BakeOptions,
+    /// What the sampling follows, instead of the options'.
+    pub(super) goal: Option<Goal>,
 }
 
 impl Arguments {
@@ -50,12 +53,15 @@ impl Arguments {
                 Long("stack") => a.options.stack = Some(parser.value()?.into()),
                 Long("sun") => a.options.stack_sun = Some(sun(&text(parser)?)?),
                 Long("site") => a.options.site = Some(site(&text(parser)?)?),
-                Long("error") => a.options.error = percent(&text(parser)?)?,
+                Long("error") => a.options.error = percent("--error", &text(parser)?, ERRORS)?,
+                Long("noise") => a.goal = Some(Goal::Noise(percent("--noise", &text(parser)?, NOISES)?)),
+                Long("time") => a.goal = Some(Goal::Time(duration("--time", &text(parser)?)?)),
                 Long("test-sky") => a.options.test_maps.push(parser.value()?.into()),
                 Long("materials") => match text(parser)?.as_str() {
                     "lambert" => {}
                     other => return Err(Failure::bad(format!("--materials {other}: this version knows lambert"))),
                 },
+                Long("preview") => a.options.preview = Some(parser.value()?.into()),
                 Long("json") => a.json = true,
                 Long("help") | Short('h') => return Ok(None),
                 other => return Err(other.unexpected().into()),
@@ -82,6 +88,28 @@ impl Arguments {
     pub(super) fn options(&self, command: &str) -> Result<BakeOptions, Failure> {
         let size = self.size.ok_or_else(|| missing(command, "--size WxH"))?;
         Ok(BakeOptions { size, ..self.options.clone() })
+    }
+
+    /// `options`, with the sampling that a goal asks for.
+    pub(super) fn sampled(
+        &self,
+        (scene, camera, names): (&Scene, &Camera, &str),
+        options: BakeOptions,
+    ) -> Result<BakeOptions, Failure> {
+        let Some(goal) = self.goal else { return Ok(options) };
+        let effort = self.on_threads(|| effort::choose(scene, camera, &options, goal))?;
+        let effort = effort.map_err(|error| told(error, names))?;
+        let falls_short = match goal {
+            Goal::Noise(most) if !effort.met => {
+                format!(" (not the {:.2} % asked for: no finer sampling)", 100.0 * most)
+            }
+            Goal::Time(most) if !effort.met => {
+                format!(" (not the {:.0} s asked for: no coarser one)", most.as_secs_f64())
+            }
+            _ => String::new(),
+        };
+        eprintln!("{effort}{falls_short}");
+        Ok(BakeOptions { transport: effort.transport, ..options })
     }
 
     /// Runs `work` on as many threads as were asked for.

@@ -3,7 +3,7 @@
 use super::arguments::missing;
 use super::print;
 use super::scene::save;
-use super::values::{number, percent, text, triple};
+use super::values::{ERRORS, number, percent, text, triple};
 use crate::camera::Camera;
 use crate::import::{Encoding, ImportError, ImportOptions, Side, Source, import};
 use lexopt::prelude::*;
@@ -69,7 +69,7 @@ impl Arguments {
                 Long("horizon") => o.side = Some(side(&text(parser)?)?),
                 Long("shrink") => o.shrink = shrink(number(parser, "--shrink")?)?,
                 Long("camera") => o.camera = Some(Camera::load(Path::new(&parser.value()?)).or_bad()?),
-                Long("error") => o.error = percent(&text(parser)?)?,
+                Long("error") => o.error = percent("--error", &text(parser)?, ERRORS)?,
                 Long("test-sky") => o.test_maps.push(parser.value()?.into()),
                 Long("stack") => o.stack = Some(parser.value()?.into()),
                 Long("threads") => a.threads = number(parser, "--threads")?,

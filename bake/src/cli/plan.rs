@@ -3,6 +3,7 @@
 use super::arguments::{Arguments, scene_and_camera, told};
 use super::{HELP, print};
 use crate::plan::Plan;
+use crate::survey::survey;
 use crate::write;
 use relume_firmware::glue::failure::Failure;
 use relume_firmware::glue::outfile::check_writable;
@@ -21,6 +22,8 @@ pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     let camera_file = arguments.camera.as_deref();
     let (scene, camera, names) = scene_and_camera(scene_file, camera_file)?;
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    survey(&scene, &camera, options.size).iter().for_each(|notice| eprintln!("notice: {notice}"));
+    let options = arguments.sampled((&scene, &camera, &names), options)?;
     let plan = Plan::new((&scene, &camera), (scene_file, camera_file), &options, folder);
     let plan = plan.map_err(|error| told(error, &names))?;
     write::save(out, plan.to_toml().as_bytes())?;

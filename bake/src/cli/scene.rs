@@ -3,9 +3,11 @@
 use super::arguments::{Arguments, missing, scene_and_camera, told};
 use super::{HELP, print};
 use crate::bake::{BakeOptions, Baked, LedgerOptions, bake};
+use crate::effort::Goal;
 use crate::job::Job;
 use crate::ledger::Ledger;
 use crate::plan::Plan;
+use crate::survey::survey;
 use crate::write;
 use relume_firmware::glue::failure::{Failure, OrFail};
 use relume_firmware::glue::outfile::check_writable;
@@ -36,11 +38,19 @@ fn bake_whole(arguments: &Arguments) -> Result<(), Failure> {
     if options.stack.is_some() && arguments.resume {
         return Err(Failure::bad("--resume does not go with --stack: a stack is baked in one go"));
     }
+    if arguments.resume && matches!(arguments.goal, Some(Goal::Time(_))) {
+        return Err(Failure::bad(
+            "--resume does not go with --time: each run would choose another sampling; use --noise",
+        ));
+    }
     check_writable(out)?;
+    options.preview.as_deref().map(check_writable).transpose()?;
     let (scene, camera, names) = scene_and_camera(scene, arguments.camera.as_deref())?;
     if options.stack.is_none() && !is_device(out) {
         options.ledger = Some(LedgerOptions { path: part_of(out), resume: arguments.resume });
     }
+    survey(&scene, &camera, options.size).iter().for_each(|notice| eprintln!("notice: {notice}"));
+    let options = arguments.sampled((&scene, &camera, &names), options)?;
     let baked = arguments.on_threads(|| bake(&scene, &camera, &options))?;
     let baked = baked.map_err(|error| told(error, &names))?;
     save(out, &baked, arguments.json)?;
@@ -75,7 +85,8 @@ pub(super) fn save(out: &Path, Baked { bytes, report }: &Baked, json: bool) -> R
 }
 
 fn bake_share(arguments: &Arguments, plan_file: &Path) -> Result<(), Failure> {
-    let told_twice = arguments.camera.is_some() || arguments.size.is_some() || arguments.options.stack.is_some();
+    let told_twice = arguments.camera.is_some() || arguments.size.is_some() || arguments.goal.is_some();
+    let told_twice = told_twice || arguments.options.stack.is_some();
     if !arguments.files.is_empty() || told_twice {
         return Err(Failure::bad(
             "scene --plan: scene, camera, size and sampling are the plan's; a share has no stack",

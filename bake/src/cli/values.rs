@@ -2,7 +2,12 @@
 
 use lexopt::ValueExt;
 use relume_firmware::glue::failure::Failure;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
+use std::time::Duration;
+
+/// What `--error` and `--noise` may be, fractions.
+pub(super) const ERRORS: RangeInclusive<f64> = 1e-4..=0.2;
+pub(super) const NOISES: RangeInclusive<f64> = 1e-3..=1.0;
 
 pub(super) fn text(parser: &mut lexopt::Parser) -> Result<String, Failure> {
     Ok(parser.value()?.string()?)
@@ -45,11 +50,23 @@ pub(super) fn site(text: &str) -> Result<[f64; 2], Failure> {
         .ok_or_else(|| Failure::bad(format!("--site {text}: write LATITUDE,LONGITUDE in degrees, such as 37.97,23.73")))
 }
 
-pub(super) fn percent(text: &str) -> Result<f64, Failure> {
+/// A percentage that option `name` was given, within `range` (fractions).
+pub(super) fn percent(name: &str, text: &str, range: RangeInclusive<f64>) -> Result<f64, Failure> {
     let value = text.strip_suffix('%').and_then(|number| number.parse::<f64>().ok()).map(|number| number / 100.0);
-    value
-        .filter(|value| (1e-4..=0.2).contains(value))
-        .ok_or_else(|| Failure::bad(format!("--error {text}: write a percentage from 0.01% to 20%")))
+    value.filter(|value| range.contains(value)).ok_or_else(|| {
+        let [low, high] = [range.start(), range.end()].map(|end| 100.0 * end);
+        Failure::bad(format!("{name} {text}: write a percentage from {low}% to {high}%"))
+    })
+}
+
+/// A time with its unit: `90s`, `10m`, `1.5h`.
+pub(super) fn duration(name: &str, text: &str) -> Result<Duration, Failure> {
+    let units = [('s', 1.0), ('m', 60.0), ('h', 3600.0)];
+    let number = |(unit, seconds): (char, f64)| Some(text.strip_suffix(unit)?.trim().parse::<f64>().ok()? * seconds);
+    let seconds = units.into_iter().find_map(number).filter(|seconds| (1.0..1e7).contains(seconds));
+    seconds
+        .map(Duration::from_secs_f64)
+        .ok_or_else(|| Failure::bad(format!("{name} {text}: write a time with its unit, such as 90s, 10m or 1.5h")))
 }
 
 /// `A..B`, not empty.
