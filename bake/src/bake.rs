@@ -14,7 +14,7 @@ use crate::viewpoint::TransportError;
 use glam::Vec3;
 use relume_firmware::field::FieldError;
 use relume_firmware::glue::map::MapError;
-use relume_firmware::patches::PatchError;
+use relume_firmware::patches::{PatchError, PatchSet};
 use relume_firmware::weights::WeightError;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -24,8 +24,10 @@ use std::time::Instant;
 pub struct BakeOptions {
     /// Width and height, px.
     pub size: (u32, u32),
-    /// Patches of the upper hemisphere.
+    /// Patches: of the upper hemisphere, or of all directions alike.
     pub directions: usize,
+    /// Light comes from all around, as on a thing on a table.
+    pub sphere: bool,
     /// Sampling of the light transport.
     pub transport: TransportOptions,
     /// Relative error that the compression aims at.
@@ -46,6 +48,16 @@ pub struct BakeOptions {
     pub progress: bool,
 }
 
+impl BakeOptions {
+    /// The patches.
+    ///
+    /// # Errors
+    /// [`PatchError`]: too few directions, or too many.
+    pub fn patch_set(&self) -> Result<PatchSet, PatchError> {
+        if self.sphere { PatchSet::sphere(self.directions) } else { PatchSet::new(self.directions) }
+    }
+}
+
 /// A file of finished blocks.
 #[derive(Clone, Debug)]
 pub struct LedgerOptions {
@@ -60,6 +72,7 @@ impl Default for BakeOptions {
         BakeOptions {
             size: (512, 384),
             directions: 256,
+            sphere: false,
             transport: TransportOptions::default(),
             error: crate::compress::Target::default().error,
             stack: None,

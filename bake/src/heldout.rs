@@ -53,12 +53,15 @@ pub fn captured(path: &Path, set: &PatchSet) -> Result<TestSky, MapError> {
     Ok(TestSky { name, radiance: split::weights(&map, set, 0.0)?.radiance })
 }
 
-/// Held-out light for a set that others may have made: skies where its horizon is the ground's, else rooms; and some of its
-/// lights alone.
-pub fn test_lights(set: &PatchSet) -> Vec<TestSky> {
+/// Held-out light for a set: skies where its horizon is the ground's, else rooms.
+pub fn held_out(set: &PatchSet) -> Vec<TestSky> {
     let is_outdoors = set.horizon().is_some_and(|[_, up, _]| up > 0.999);
-    let rooms = if is_outdoors { test_skies(set) } else { rooms::rooms(set) };
-    rooms.into_iter().chain(rooms::lone_lights(set)).collect()
+    if is_outdoors { test_skies(set) } else { rooms::rooms(set) }
+}
+
+/// Held-out light for a set that others may have made, and some of its lights alone.
+pub fn test_lights(set: &PatchSet) -> Vec<TestSky> {
+    held_out(set).into_iter().chain(rooms::lone_lights(set)).collect()
 }
 
 /// The held-out skies over a patch set; the same on every machine.

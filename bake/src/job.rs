@@ -6,7 +6,7 @@ use crate::bouncepoints::BouncePoints;
 use crate::brightness::brightness;
 use crate::camera::Camera;
 use crate::error::{ExactTile, TestLight};
-use crate::heldout::{TestSky, captured, test_skies};
+use crate::heldout::{TestSky, captured, held_out};
 use crate::preview::{Part, SmallPicture};
 use crate::prior::Prior;
 use crate::progress::Progress;
@@ -77,14 +77,14 @@ impl<'s> Job<'s> {
     /// # Errors
     /// [`BakeError`].
     pub fn new(scene: &'s Scene, camera: &Camera, options: &BakeOptions) -> Result<Self, BakeError> {
-        let patches = PatchSet::new(options.directions)?;
+        let patches = options.patch_set()?;
         let maps: Result<Vec<TestSky>, MapError> =
             options.test_maps.iter().map(|path| captured(path, &patches)).collect();
-        let test_light = TestLight::new(test_skies(&patches).into_iter().chain(maps?).collect());
+        let test_light = TestLight::new(held_out(&patches).into_iter().chain(maps?).collect());
         let transport = Transport::new(scene, camera, patches, options.size, options.transport)?;
         let small_tiles = small_tiles(scene, camera, patches, options)?;
         let samples: Vec<f32> = small_tiles.1.iter().flat_map(|tile| tile.response.iter().copied()).collect();
-        let (skies, whites) = brightness(Prior::skies(&patches), &samples);
+        let (skies, whites) = brightness(Prior::for_set(&patches), &samples);
         let stack_sun = options.stack_sun.map(|sun| (sun, sun_dir_world(sun, camera.north_deg)));
         let stack = options.stack.as_deref().map(|dir| {
             let transport = &options.transport;

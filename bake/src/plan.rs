@@ -55,6 +55,8 @@ pub struct Plan {
     pub size: [u32; 2],
     /// Patches of the upper hemisphere.
     pub directions: usize,
+    /// Of all directions alike.
+    pub sphere: bool,
     /// Relative error that the compression aims at.
     pub error: f64,
     /// Latitude and longitude of the site, degrees.
@@ -86,6 +88,7 @@ impl Plan {
             camera: files.1.map(|camera| seen_from(folder, camera)),
             size: options.size.into(),
             directions: options.directions,
+            sphere: options.sphere,
             error: options.error,
             site: options.site,
             test_skies: options.test_maps.iter().map(|map| seen_from(folder, map)).collect(),
@@ -128,6 +131,7 @@ impl Plan {
         BakeOptions {
             size: self.size.into(),
             directions: self.directions,
+            sphere: self.sphere,
             transport: self.transport,
             error: self.error,
             site: self.site,
@@ -168,7 +172,7 @@ pub fn identity(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result
     let mut sum = Checksum(crc32fast::Hasher::new());
     // Writing into a checksum cannot fail. Every field that a type gets later is in its debug form, too.
     let _ = write!(sum, "{} {camera:?}", env!("CARGO_PKG_VERSION"));
-    let _ = write!(sum, "{:?} {} {:?}", options.size, options.directions, options.transport);
+    let _ = write!(sum, "{:?} {} {} {:?}", options.size, options.directions, options.sphere, options.transport);
     let _ = write!(sum, "{} {:?}", options.error, options.site);
     let _ = write!(sum, "{:?} {:?}", scene.triangles, scene.materials);
     scene.textures.iter().for_each(|texture| texture.checksum(&mut sum.0));

@@ -124,11 +124,11 @@ impl Header {
         if u32_at(b, 32) as usize != crate::tile::TILE_PX {
             return Err(FieldError::Invalid("tile size"));
         }
+        let counts = [u16_at(b, 40), u16_at(b, 42)].map(usize::from);
         let patches = match directions {
             Some(layer) => PatchSet::of_list(Listed::decode(layer).ok_or(FieldError::Invalid("list of directions"))?),
-            None => PatchSet::new(usize::from(u16_at(b, 40))).map_err(FieldError::Patches)?,
+            None => PatchSet::of_counts(counts[0], counts[1]).map_err(FieldError::Patches)?,
         };
-        let counts = [u16_at(b, 40), u16_at(b, 42)].map(usize::from);
         if counts != [patches.upper(), patches.lower()] || patches.id() != u32_at(b, 36) {
             return Err(FieldError::PatchSet { found: u32_at(b, 36), expected: patches.id() });
         }

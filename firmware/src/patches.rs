@@ -145,6 +145,27 @@ impl PatchSet {
         Ok(PatchSet(Cells::Zonal { upper: Hemisphere::new(n_upper), lower: Hemisphere::new(n_upper / 16) }))
     }
 
+    /// A set of `patches` ([`MIN_UPPER`]`..=`[`MAX_UPPER`]) over the whole sphere, for light that comes from below as well:
+    /// both halves are cut alike, the upper one has the odd patch.
+    ///
+    /// # Errors
+    /// [`PatchError::UpperCount`] outside that range.
+    pub fn sphere(patches: usize) -> Result<Self, PatchError> {
+        if !(MIN_UPPER..=MAX_UPPER).contains(&patches) {
+            return Err(PatchError::UpperCount(patches));
+        }
+        let halves = (Hemisphere::new(patches.div_ceil(2)), Hemisphere::new(patches / 2));
+        Ok(PatchSet(Cells::Zonal { upper: halves.0, lower: halves.1 }))
+    }
+
+    /// The set that has so many patches above the horizon and below it, as a field or a stack counts them.
+    ///
+    /// # Errors
+    /// [`PatchError::UpperCount`]: no set has these counts.
+    pub fn of_counts(upper: usize, lower: usize) -> Result<Self, PatchError> {
+        if lower > upper / 16 { PatchSet::sphere(upper + lower) } else { PatchSet::new(upper) }
+    }
+
     /// A set of listed directions.
     pub const fn of_list(list: Listed) -> Self {
         PatchSet(Cells::Listed(list))
@@ -190,10 +211,11 @@ impl PatchSet {
         fnv(b"leopardi-1".iter().chain(counts.iter().flatten()).copied())
     }
 
-    /// Normal of the plane that light comes from one side of only, towards that side: +Y, or what a list says.
+    /// Normal of the plane that light comes from one side of only, towards that side: +Y of a sky, none of a sphere, or what a
+    /// list says.
     pub fn horizon(&self) -> Option<[f32; 3]> {
         match &self.0 {
-            Cells::Zonal { .. } => Some([0.0, 1.0, 0.0]),
+            Cells::Zonal { upper, lower } => (lower.cells <= upper.cells / 16).then_some([0.0, 1.0, 0.0]),
             Cells::Listed(list) => list.horizon(),
         }
     }
@@ -295,6 +317,25 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_sphere_is_cut_alike_above_and_below() {
+        for n in [16, 17, 255, 1024] {
+            let set = PatchSet::sphere(n).unwrap();
+            assert_eq!((set.len(), set.upper(), set.horizon()), (n, n.div_ceil(2), None));
+            assert_eq!(PatchSet::of_counts(set.upper(), set.lower()), Ok(set));
+            let total: f32 = (0..n).map(|patch| set.solid_angle_sr(patch)).sum();
+            assert!((f64::from(total) - 2.0 * TAU).abs() < 1e-4);
+            for patch in 0..n {
+                assert_eq!(set.patch_of(set.sample(patch, [0.3, 0.6])), patch, "{n} {patch}");
+            }
+        }
+        for n in [16, 31, 256, 1024] {
+            let sky = PatchSet::new(n).unwrap();
+            assert_eq!(PatchSet::of_counts(sky.upper(), sky.lower()), Ok(sky));
+        }
+        assert_eq!(PatchSet::sphere(15), Err(PatchError::UpperCount(15)));
     }
 
     #[test]

@@ -33,6 +33,7 @@ use relume_firmware::bound::CodeSlope;
 use relume_firmware::field::Field;
 use relume_firmware::kernel::Kernel;
 use relume_firmware::levels::is_error_budget;
+use relume_firmware::patches::PatchSet;
 use relume_firmware::tile::Tile;
 use relume_firmware::tone::ViewLight;
 use relume_firmware::weights::{SunWeight, WeightError};
@@ -252,7 +253,7 @@ impl<'f> Relighter<'f> {
 
     /// The same for light that the field answers.
     fn set_answered(&mut self, given: &PatchWeights, exposure: f32) -> Result<(), WeightError> {
-        let sun = given.sun.filter(sun_is_up);
+        let sun = given.sun.filter(|sun| sun_is_up(sun, self.field.patch_set()));
         if !self.has_news()
             && self.settled
             && exposure == self.exposure
@@ -347,9 +348,9 @@ impl Relighter<'static> {
     }
 }
 
-/// A sun at or below the horizon costs nothing and shows nothing.
-fn sun_is_up(sun: &SunWeight) -> bool {
-    sun.dir_world[1] >= 0.0 && sun.irradiance.iter().any(|&e| e > 0.0)
+/// A sun below the horizon, where there is one, costs nothing and shows nothing.
+fn sun_is_up(sun: &SunWeight, set: &PatchSet) -> bool {
+    (sun.dir_world[1] >= 0.0 || set.horizon().is_none()) && sun.irradiance.iter().any(|&e| e > 0.0)
 }
 
 /// The thread pool; `None` where none can be had, and work is done on the caller's thread.

@@ -46,6 +46,7 @@ impl Arguments {
                 Long("tiles") => a.tiles = Some(range(&text(parser)?)?),
                 Long("resume") => a.resume = true,
                 Long("directions") => a.options.directions = number(parser, "--directions")?,
+                Long("sphere") => a.options.sphere = true,
                 Long("sun-paths") => a.options.transport.sun_paths = number(parser, "--sun-paths")?,
                 Long("max-hits") => a.options.transport.max_hits = number(parser, "--max-hits")?,
                 Long("seed") => a.options.transport.seed = number(parser, "--seed")?,

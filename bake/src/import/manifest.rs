@@ -123,7 +123,8 @@ fn picture(folder: &Path, entry: &Entry) -> Result<LightPicture, String> {
 
 /// The set of the bake that the manifest says it has, if all entries are that set's.
 fn known_set(manifest: &Manifest) -> Option<PatchSet> {
-    let set = PatchSet::new(manifest.n_upper?).ok()?;
+    let upper = manifest.n_upper?;
+    let set = PatchSet::of_counts(upper, manifest.patches.len().checked_sub(upper)?).ok()?;
     let same = |(patch, entry): (usize, &Entry)| {
         let dir = set.dir_world(patch);
         let off = entry.direction.iter().zip(dir).map(|(a, b)| (a - f64::from(b)).abs()).fold(0.0, f64::max);

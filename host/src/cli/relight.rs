@@ -174,7 +174,7 @@ fn directional(dir: [f64; 3], field: &Field<'_>) -> Result<PatchWeights, Failure
     if !(length.is_finite() && length > 1e-12) {
         return Err(Failure::bad(format!("--light {x},{y},{z}: must point towards a light")));
     }
-    if field.answers_sun() && y <= 0.0 {
+    if field.answers_sun() && y <= 0.0 && field.patch_set().horizon().is_some() {
         return Err(Failure::bad(format!("--light {x},{y},{z}: must point towards a light above the horizon (y > 0)")));
     }
     let sun = SunWeight { dir_world: dir.map(|c| (c / length) as f32), irradiance: [1.0; 3] };
