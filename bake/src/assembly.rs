@@ -98,7 +98,7 @@ impl Assembly {
         self.report.noise = Some(Noise::of(&mut job.transport, &tiles, &job.test_light));
         let casters = job.compressor.casters;
         let scene = [casters.casters, casters.nodes, job.bounce.layer()];
-        self.into_field(header(camera, job.patches, options), scene, &job.test_light)
+        self.into_field(header(camera, job.patches, options), scene, job.test_light)
     }
 
     /// Closes the sums of the report, which may be added to.
@@ -107,19 +107,15 @@ impl Assembly {
         &mut self.report
     }
 
-    /// The closed field, with the layers `scene` (CAST, CBVH, BPNT), and its errors under `test_light`.
+    /// The closed field, with the layers `scene` (CAST, CBVH, BPNT), and its errors under `light`.
     ///
     /// # Errors
     /// [`BakeError::Unsound`], which is a fault of this program.
-    pub fn into_field(
-        mut self,
-        header: Header,
-        scene: [Vec<u8>; 3],
-        test_light: &TestLight,
-    ) -> Result<Baked, BakeError> {
+    pub fn into_field(mut self, header: Header, scene: [Vec<u8>; 3], light: TestLight) -> Result<Baked, BakeError> {
         let draft = self.writer.into_draft(header, scene);
-        self.report.held_out = test_light.errors(&Field::new(draft.bytes())?, &self.exact)?;
-        Ok(Baked { bytes: draft.finish(&self.report.to_json()), report: self.report })
+        self.report.held_out = light.errors(&Field::new(draft.bytes())?, &self.exact)?;
+        let bytes = draft.finish(&self.report.to_json());
+        Ok(Baked { bytes, report: self.report, exact: self.exact, light })
     }
 }
 

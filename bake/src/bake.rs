@@ -2,6 +2,7 @@
 
 use crate::assembly::Assembly;
 use crate::camera::Camera;
+use crate::error::{ExactTile, TestLight};
 use crate::job::{DoneBlock, Job};
 use crate::ledger::{Ledger, LedgerError};
 use crate::plan::{PlanError, identity};
@@ -130,6 +131,10 @@ pub struct Baked {
     pub bytes: Vec<u8>,
     /// Facts about the bake, also in the file's META layer.
     pub report: Report,
+    /// Exact sums of its tiles under the held-out skies.
+    pub exact: Vec<ExactTile>,
+    /// The held-out skies.
+    pub light: TestLight,
 }
 
 /// Direction of an azimuth (degrees clockwise from true north) and altitude (degrees), with north at `north_deg`

@@ -38,6 +38,7 @@ relume-bake: makes the field that a post relights.
       --seed N         the same seed gives the same bytes (1)
       --threads N      threads to use (all cores)
       --preview PNG    a picture of the bake while it runs, sharper with every block that is done
+      --report DIR     also write a page about the field: index.html with maps of ranks, bytes, errors and noise
       --json           print the report as JSON
       --resume         go on where an interrupted bake of the same field stopped (it left FIELD.part)
   relume-bake plan SCENE.glb --camera CAM.json --size WxH [options as above] -o PLAN.toml

@@ -71,6 +71,29 @@ impl TestLight {
     }
 }
 
+impl TestLight {
+    /// Per tile, in mask order, the largest code error of a pixel's channels under the sky with index `sky`.
+    ///
+    /// # Errors
+    /// [`WeightError`], if the sky is not for this field.
+    pub fn code_errors(&self, field: &Field<'_>, exact: &[ExactTile], sky: usize) -> Result<Vec<Vec<u8>>, WeightError> {
+        let values = |tile: &ExactTile| tile.0.get(sky).cloned().unwrap_or_default();
+        let Some(exposure) = exposure_for(exact.iter().flat_map(values).collect()) else { return Ok(Vec::new()) };
+        let weights = weights_of(field, &self.skies[sky], exposure)?;
+        let light = TileLight { sun: None, weights: &weights, unpacked: &[] };
+        let of_tile = |(index, exact): (usize, &ExactTile)| {
+            let codes = shown(field, index, &light).1.map(codes_of);
+            let pixels = codes.iter().zip(exact.0[sky].as_chunks::<3>().0);
+            let off = |(codes, exact): (&[u8; 3], &[f32; 3])| {
+                let each = codes.iter().zip(exact);
+                each.map(|(code, &exact)| code.abs_diff(true_code(exact, exposure.into()))).max().unwrap_or(0)
+            };
+            pixels.map(off).collect()
+        };
+        Ok(exact.par_iter().enumerate().map(of_tile).collect())
+    }
+}
+
 /// Exact sums of one tile under every sky.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ExactTile(Vec<Vec<f32>>);
@@ -100,10 +123,7 @@ fn error_under<'e>(
     let Some(exposure) = exposure_for(values) else {
         return Ok(SkyError { sky: sky.name.clone(), ..SkyError::default() });
     };
-    let mut room = [Apart::default(); MOST_STANDOUTS];
-    let apart = apart(0, field, &sky.radiance, Kernel::detect(), &mut room);
-    let mut weights = Box::new(FixedWeights::dark(field.patch_set().len()));
-    weights.set(&sky.radiance, None, exposure, apart)?;
+    let weights = weights_of(field, sky, exposure)?;
     let light = TileLight { sun: None, weights: &weights, unpacked: &[] };
     let of_tile = |tile: usize| Difference::of(field, tile, &light, exact(tile), f64::from(exposure));
     // Added in order, so that any number of threads gives the same bytes.
@@ -119,6 +139,15 @@ fn error_under<'e>(
         worst_code: all.worst_code,
         share_off_by_more_than_one: all.off as f64 / count,
     })
+}
+
+/// A sky's weights, bright patches set apart as a post does it.
+fn weights_of(field: &Field<'_>, sky: &TestSky, exposure: f32) -> Result<Box<FixedWeights>, WeightError> {
+    let mut room = [Apart::default(); MOST_STANDOUTS];
+    let apart = apart(0, field, &sky.radiance, Kernel::detect(), &mut room);
+    let mut weights = Box::new(FixedWeights::dark(field.patch_set().len()));
+    weights.set(&sky.radiance, None, exposure, apart)?;
+    Ok(weights)
 }
 
 /// What a picture, or a part of it, is off by.
@@ -142,18 +171,13 @@ impl Difference {
 
     /// Of one tile as the kernels show it.
     fn of(field: &Field<'_>, index: usize, light: &TileLight<'_>, exact: &[f32], exposure: f64) -> Difference {
-        let (tile, kernel) = (field.response().tile(index), Kernel::detect());
-        let (mut linear, mut coefficients, mut shown) = (LinearTile::new(), Coefficients::ZERO, [0u32; TILE_PIXELS]);
-        coefficients.project(&tile, light.weights, kernel, usize::MAX);
-        coefficients.pixels(field, &tile, light, kernel, &mut linear);
-        let n = tile.padded_pixels();
-        kernel.tone(linear.planes(n).map(|plane| &*plane), &mut shown[..n]);
+        let (linear, shown) = shown(field, index, light);
         let mut all = Difference::default();
         for (pixel, exact) in exact.as_chunks::<3>().0.iter().enumerate() {
-            let ([_, codes @ ..], light) = (shown[pixel].to_be_bytes(), linear.rgb(pixel));
+            let (codes, light) = (codes_of(shown[pixel]), linear.rgb(pixel));
             for c in 0..3 {
                 let truth = f64::from(exact[c]);
-                let off = codes[c].abs_diff(srgb_code((truth * exposure).clamp(0.0, 1.0)).round() as u8);
+                let off = codes[c].abs_diff(true_code(exact[c], exposure));
                 all = all.and(Difference {
                     square: (f64::from(light[c]) / exposure - truth).powi(2),
                     worst_code: off,
@@ -163,6 +187,28 @@ impl Difference {
         }
         all
     }
+}
+
+/// One tile as the kernels show it: linear, and as codes.
+fn shown(field: &Field<'_>, index: usize, light: &TileLight<'_>) -> (LinearTile, [u32; TILE_PIXELS]) {
+    let (tile, kernel) = (field.response().tile(index), Kernel::detect());
+    let (mut linear, mut coefficients, mut shown) = (LinearTile::new(), Coefficients::ZERO, [0u32; TILE_PIXELS]);
+    coefficients.project(&tile, light.weights, kernel, usize::MAX);
+    coefficients.pixels(field, &tile, light, kernel, &mut linear);
+    let n = tile.padded_pixels();
+    kernel.tone(linear.planes(n).map(|plane| &*plane), &mut shown[..n]);
+    (linear, shown)
+}
+
+/// The 8-bit codes, red, green and blue, of a pixel as the kernels show it.
+fn codes_of(shown: u32) -> [u8; 3] {
+    let [_, codes @ ..] = shown.to_be_bytes();
+    codes
+}
+
+/// The code that a radiance should be shown as.
+fn true_code(radiance: f32, exposure: f64) -> u8 {
+    srgb_code((f64::from(radiance) * exposure).clamp(0.0, 1.0)).round() as u8
 }
 
 /// 0.8 / the 99th percentile (linear between neighbours); `None` of what is not lit.

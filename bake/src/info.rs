@@ -92,7 +92,8 @@ impl Info {
         Ok(Self::of(&field, &path.display().to_string()))
     }
 
-    fn of(field: &Field<'_>, file: &str) -> Self {
+    /// Of a field in memory, called `file`.
+    pub fn of(field: &Field<'_>, file: &str) -> Self {
         let header = field.header();
         let CameraRecord { position, target, up, fov_y_deg, north_deg } = header.camera;
         let covered = field.response().covered();

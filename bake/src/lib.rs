@@ -30,6 +30,7 @@ pub mod preview;
 pub mod prior;
 pub mod progress;
 pub mod report;
+pub mod reportpage;
 pub mod response;
 pub mod scene;
 mod sobol;

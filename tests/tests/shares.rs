@@ -78,7 +78,8 @@ fn a_plan_keeps_the_sampling_that_a_noise_asked_for() {
     bake_in(&folder, &args("plan", "usual.toml", &[])).well();
     let told = bake_in(&folder, &args("plan", "coarse.toml", &["--noise", "60%"])).well();
     assert!(told.stderr.contains("sampling: 4 rays to a patch, 1 paths"), "{}", told.stderr);
-    bake_in(&folder, &args("scene", "coarse.field", &["--noise", "60%", "--preview", "look.png"])).well();
+    bake_in(&folder, &args("scene", "coarse.field", &["--noise", "60%", "--preview", "look.png", "--report", "page"]))
+        .well();
     bake_in(&folder, &["scene", "--plan", "coarse.toml", "--tiles", "0..12", "-o", "share"]).well();
     bake_in(&folder, &["merge", "coarse.toml", "share", "-o", "joined.field"]).well();
     assert!(bytes(&folder.join("joined.field")) == bytes(&folder.join("coarse.field")), "the bytes differ");
@@ -89,6 +90,11 @@ fn a_plan_keeps_the_sampling_that_a_noise_asked_for() {
     assert_eq!(noise.len(), 9, "{info}");
     let look = std::fs::read(folder.join("look.png")).unwrap();
     assert!(look.starts_with(b"\x89PNG"));
+    let page = std::fs::read_to_string(folder.join("page/index.html")).unwrap();
+    assert!(page.contains("ranks") || page.contains("Ranks"), "{page}");
+    for map in ["rank.png", "bytes.png", "error.png", "noise.png"] {
+        assert!(page.contains(map) && std::fs::read(folder.join("page").join(map)).unwrap().starts_with(b"\x89PNG"));
+    }
 
     let scene = |more: &[&str]| bake_in(&folder, &args("scene", "x.field", more));
     scene(&["--noise", "0%"]).refused(2, &["--noise 0%", "percentage"]);

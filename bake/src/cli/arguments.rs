@@ -28,6 +28,8 @@ pub(super) struct Arguments {
     pub(super) threads: usize,
     pub(super) json: bool,
     pub(super) options: BakeOptions,
+    /// Folder of the page about the bake.
+    pub(super) report: Option<PathBuf>,
     /// What the sampling follows, instead of the options'.
     pub(super) goal: Option<Goal>,
 }
@@ -62,6 +64,7 @@ impl Arguments {
                     "lambert" => {}
                     other => return Err(Failure::bad(format!("--materials {other}: this version knows lambert"))),
                 },
+                Long("report") => a.report = Some(parser.value()?.into()),
                 Long("preview") => a.options.preview = Some(parser.value()?.into()),
                 Long("json") => a.json = true,
                 Long("help") | Short('h') => return Ok(None),

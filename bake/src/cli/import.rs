@@ -40,6 +40,7 @@ relume-bake import STACK -o FIELD: makes a field of pictures that others made, o
   --test-sky MAP      also tell the field's error under this captured map, .hdr or .exr (may be repeated)
   --stack DIR         also write the responses, uncompressed (EXR), as `relume bench` and `relight --exact` read them
   --threads N         threads to use (all cores)
+  --report DIR        also write a page about the field: index.html with maps of ranks, bytes and errors
   --json              print the report as JSON
 
   Limits: 1088 pictures. Pictures are read once and spooled beside FIELD, 12 bytes per covered pixel and picture. Memory:
@@ -52,6 +53,7 @@ struct Arguments {
     out: Option<PathBuf>,
     threads: usize,
     json: bool,
+    report: Option<PathBuf>,
     options: ImportOptions,
 }
 
@@ -73,6 +75,7 @@ impl Arguments {
                 Long("test-sky") => o.test_maps.push(parser.value()?.into()),
                 Long("stack") => o.stack = Some(parser.value()?.into()),
                 Long("threads") => a.threads = number(parser, "--threads")?,
+                Long("report") => a.report = Some(parser.value()?.into()),
                 Long("json") => a.json = true,
                 Long("help") | Short('h') => return Ok(None),
                 other => return Err(other.unexpected().into()),
@@ -97,7 +100,7 @@ pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     if negative > 0 {
         eprintln!("{negative} values are below 0, which no light is; they count as 0");
     }
-    save(out, &baked, arguments.json)
+    save(out, &baked, arguments.json, arguments.report.as_deref())
 }
 
 fn told(error: ImportError) -> Failure {

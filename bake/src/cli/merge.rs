@@ -28,7 +28,7 @@ pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     let (scene, camera, names) = scene_and_camera(&plan.scene, plan.camera.as_deref())?;
     plan.check(plan_file, &scene, &camera).map_err(|error| told(error, &names))?;
     let baked = arguments.on_threads(|| join(&plan, &scene, &camera, &shares))?;
-    save(out, &baked.map_err(|error| told(error, &names))?, arguments.json)
+    save(out, &baked.map_err(|error| told(error, &names))?, arguments.json, arguments.report.as_deref())
 }
 
 /// A share's file and where its tiles begin and end.

@@ -7,8 +7,10 @@ use crate::effort::Goal;
 use crate::job::Job;
 use crate::ledger::Ledger;
 use crate::plan::Plan;
+use crate::reportpage::{self, Subject};
 use crate::survey::survey;
 use crate::write;
+use relume_firmware::field::Field;
 use relume_firmware::glue::failure::{Failure, OrFail};
 use relume_firmware::glue::outfile::check_writable;
 use std::path::{Path, PathBuf};
@@ -53,7 +55,7 @@ fn bake_whole(arguments: &Arguments) -> Result<(), Failure> {
     let options = arguments.sampled((&scene, &camera, &names), options)?;
     let baked = arguments.on_threads(|| bake(&scene, &camera, &options))?;
     let baked = baked.map_err(|error| told(error, &names))?;
-    save(out, &baked, arguments.json)?;
+    save(out, &baked, arguments.json, arguments.report.as_deref())?;
     if let Some(kept) = &options.ledger {
         // The field is there: what is left of it in parts is of no use, and in nobody's way.
         let _ = std::fs::remove_file(&kept.path);
@@ -66,21 +68,34 @@ fn is_device(out: &Path) -> bool {
     std::fs::metadata(out).is_ok_and(|meta| !meta.is_file())
 }
 
-/// Writes a field and tells about it.
-pub(super) fn save(out: &Path, Baked { bytes, report }: &Baked, json: bool) -> Result<(), Failure> {
-    write::save(out, bytes)?;
+/// Writes a field, and a page about it into a folder if there is to be one, and tells about it.
+pub(super) fn save(out: &Path, baked: &Baked, json: bool, folder: Option<&Path>) -> Result<(), Failure> {
+    let report = &baked.report;
+    write::save(out, &baked.bytes)?;
     if json {
         print(&format!("{}\n", report.to_json()))?;
     }
     eprintln!(
         "{}: {} bytes, rank {:.1} on average and {} at most, {:.1} bytes per covered pixel, {:.0} s",
         out.display(),
-        bytes.len(),
+        baked.bytes.len(),
         report.rank_mean,
         report.rank_max,
         report.bytes_per_covered_pixel,
         report.seconds
     );
+    folder.map(|folder| page(folder, out, baked)).transpose()?;
+    Ok(())
+}
+
+/// Writes the page about a field that is saved as `out`.
+fn page(folder: &Path, out: &Path, baked: &Baked) -> Result<(), Failure> {
+    let name = out.display().to_string();
+    let field = Field::new(&baked.bytes).or_runtime()?;
+    let Baked { report, exact, light, .. } = baked;
+    let written = reportpage::write(folder, &Subject { field: &field, name: &name, report, exact, light });
+    written.or_runtime()?;
+    eprintln!("{}", folder.join("index.html").display());
     Ok(())
 }
 

@@ -114,7 +114,7 @@ pub fn import(mut source: Source, options: &ImportOptions) -> Result<Baked, Impo
     }
     let header = header(&source, lights.set, work.sheet.size, options);
     let scene = [Vec::new(), Vec::new(), BouncePoints::no_layer()];
-    Ok(assembly.into_field(header, scene, &work.test_light)?)
+    Ok(assembly.into_field(header, scene, work.test_light)?)
 }
 
 /// Size and coverage of the pictures.

@@ -41,7 +41,7 @@ impl Site {
             ..BakeOptions::default()
         };
         let started = Instant::now();
-        let Baked { bytes, report } = bake(&scene, &camera, &options).or_runtime()?;
+        let Baked { bytes, report, .. } = bake(&scene, &camera, &options).or_runtime()?;
         let bake_time = started.elapsed();
         let path = folder.join("temple.field");
         crate::outfile::write_whole(&path, |out| std::io::Write::write_all(out, &bytes))?;
