@@ -40,12 +40,12 @@ pub(crate) fn fragments(seen: &Seen) -> Vec<Fragment> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Surface;
+    use crate::geometry::{Cone, Surface};
 
     fn seen(triangle: u32, albedo: f32) -> Option<Surface> {
         let normal = Vec3A::Y;
         let albedo = Vec3A::new(albedo, 0.5 * albedo, 0.0);
-        Some(Surface { triangle, position: Vec3A::ZERO, normal_flat: normal, normal, albedo })
+        Some(Surface { triangle, position: Vec3A::ZERO, normal_flat: normal, normal, albedo, gloss: None, cone: Cone::default() })
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     }
     check_writable(out)?;
     let camera_file = arguments.camera.as_deref();
-    let (scene, camera, names) = scene_and_camera(scene_file, camera_file)?;
+    let (scene, camera, names) = scene_and_camera(scene_file, camera_file, arguments.shading)?;
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let plan = Plan::new((&scene, &camera), (scene_file, camera_file), &options, folder);
     let plan = plan.map_err(|error| told(error, &names))?;

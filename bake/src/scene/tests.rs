@@ -50,7 +50,7 @@ impl Sample {
         std::fs::write(dir.path().join("a part.bin"), &bytes).unwrap();
         let path = dir.path().join("hut.gltf");
         std::fs::write(&path, self.json("a%20part.bin", bytes.len())).unwrap();
-        load(&path)
+        load(&path, Shading::Gltf).map(|loaded| loaded.scene)
     }
 }
 
@@ -123,17 +123,17 @@ fn missing_and_short_files_are_named() {
     let path = dir.path().join("hut.gltf");
     let sample = Sample::default();
     std::fs::write(&path, sample.json("lost.bin", 60)).unwrap();
-    let text = message(load(&path));
+    let text = message(load(&path, Shading::Gltf).map(|loaded| loaded.scene));
     assert!(text.contains("hut.gltf") && text.contains("lost.bin"), "{text}");
     std::fs::write(dir.path().join("lost.bin"), [0; 10]).unwrap();
-    assert!(message(load(&path)).contains("10 of 60 bytes"));
+    assert!(message(load(&path, Shading::Gltf).map(|loaded| loaded.scene)).contains("10 of 60 bytes"));
     let texture = r#""materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],
         "textures":[{"source":0}],"images":[{"uri":"wall.png"}],"#;
     let sample = Sample { extra: texture, ..Sample::default() };
     std::fs::write(dir.path().join("lost.bin"), sample.bytes()).unwrap();
     std::fs::write(&path, sample.json("lost.bin", 60)).unwrap();
-    assert!(message(load(&path)).contains("wall.png"));
-    assert!(message(load(&dir.path().join("none.glb"))).contains("none.glb"));
+    assert!(message(load(&path, Shading::Gltf).map(|loaded| loaded.scene)).contains("wall.png"));
+    assert!(message(load(&dir.path().join("none.glb"), Shading::Gltf).map(|loaded| loaded.scene)).contains("none.glb"));
 }
 
 #[test]
@@ -149,9 +149,9 @@ fn damaged_files_never_panic() {
             let mut damaged = json.clone();
             damaged[at] ^= flip;
             std::fs::File::create(&path).unwrap().write_all(&damaged).unwrap();
-            let _ = load(&path);
+            let _ = load(&path, Shading::Gltf);
         }
         std::fs::write(&path, &json[..at]).unwrap();
-        assert!(load(&path).is_err());
+        assert!(load(&path, Shading::Gltf).is_err());
     }
 }
