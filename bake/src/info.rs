@@ -29,6 +29,7 @@ pub struct Info {
     bytes_stored_per_covered_pixel: f64,
     ranks: Ranks,
     sun_casters: usize,
+    sun_highlights: bool,
     layers: Vec<LayerInfo>,
     bake: Option<Report>,
 }
@@ -119,6 +120,7 @@ impl Info {
             bytes_stored_per_covered_pixel: per_pixel(field.file_bytes()),
             ranks: Ranks::of(field),
             sun_casters: field.sun_surfaces().casters().len(),
+            sun_highlights: field.sun_surfaces().is_glossy(),
             layers: field.layers().map(|layer| LayerInfo { kind: kind(layer.kind), bytes: layer.length }).collect(),
             bake: serde_json::from_slice(field.meta()).ok(),
         }
@@ -166,7 +168,8 @@ impl fmt::Display for Info {
                 100.0 * error.share_off_by_more_than_one
             )?;
         }
-        writeln!(f, "sun       {} casters", self.sun_casters)?;
+        let highlights = if self.sun_highlights { "with highlights" } else { "without highlights (Lambert)" };
+        writeln!(f, "sun       {} casters, {highlights}", self.sun_casters)?;
         for layer in &self.layers {
             writeln!(f, "layer     {} {:>12} bytes", layer.kind, layer.bytes)?;
         }

@@ -368,6 +368,6 @@ fn uniform(seen: &Seen) -> bool {
 }
 
 #[cfg(test)]
-mod glossy_tests;
+pub(crate) mod glossy_tests;
 #[cfg(test)]
 pub(crate) mod tests;

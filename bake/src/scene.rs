@@ -191,6 +191,9 @@ impl Loader<'_> {
         let Some(positions) = self.attribute::<3>(primitive, &gltf::Semantic::Positions, place)? else {
             return Ok(());
         };
+        if primitive.get(&gltf::Semantic::Colors(0)).is_some() {
+            self.notices.push(format!("{place}: vertex colours are ignored; bake them into a picture"));
+        }
         let normals = self.attribute::<3>(primitive, &gltf::Semantic::Normals, place)?;
         let material = primitive.material().index().unwrap_or(self.scene.materials.len() - 1);
         let uses = self.uses.get(material).copied().unwrap_or_default();

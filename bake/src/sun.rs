@@ -93,4 +93,6 @@ impl Transport<'_> {
 }
 
 #[cfg(test)]
+mod glossy_tests;
+#[cfg(test)]
 mod tests;

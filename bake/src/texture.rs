@@ -174,7 +174,7 @@ impl Texture {
 
     /// Takes all of it into a checksum.
     pub(crate) fn checksum(&self, sum: &mut crc32fast::Hasher) {
-        sum.update(format!("{}x{} {:?}", self.width, self.height, self.wrap).as_bytes());
+        sum.update(format!("{}x{} {:?} {:?}", self.width, self.height, self.wrap, self.encoding).as_bytes());
         sum.update(self.texels.as_flattened());
     }
 

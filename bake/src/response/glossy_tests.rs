@@ -14,11 +14,11 @@ use crate::scene::{Detail, Triangle};
 use crate::texture::Wrap;
 
 /// A glossy floor.
-fn plane(material: &Appendix) -> Scene {
+pub(crate) fn plane(material: &Appendix) -> Scene {
     finished(quads(&[(floor(50.0, 0.0), material.base as f32)]), material)
 }
 
-fn finished(mut scene: Scene, material: &Appendix) -> Scene {
+pub(crate) fn finished(mut scene: Scene, material: &Appendix) -> Scene {
     for own in &mut scene.materials {
         let (metallic, roughness) = (material.metallic as f32, material.roughness as f32);
         own.finish = Finish { metallic, roughness, ..Finish::default() };
@@ -42,7 +42,7 @@ fn means(tile: &TileResponse) -> Vec<f64> {
 }
 
 /// Unit vector from the origin to the camera.
-fn towards(camera: &Camera) -> [f64; 3] {
+pub(crate) fn towards(camera: &Camera) -> [f64; 3] {
     let [x, y, z] = camera.position;
     let length = (x * x + y * y + z * z).sqrt();
     [x / length, y / length, z / length]
@@ -148,7 +148,7 @@ fn a_mirror_in_a_closed_white_room_is_white() {
 }
 
 /// A floor with a normal map that leans every normal by `slope` towards +X.
-fn mapped(material: &Appendix, slope: f32) -> Scene {
+pub(crate) fn mapped(material: &Appendix, slope: f32) -> Scene {
     let mut scene = plane(material);
     let code = |v: f32| ((v + 1.0) * 127.5).round() as u8;
     let lean = Vec3::new(slope, 0.0, 1.0).normalize();
