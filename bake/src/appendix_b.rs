@@ -32,8 +32,8 @@ impl Appendix {
         let (n_h, v_h) = (dot(n, h), dot(v, h));
         let a2 = self.roughness.powi(4);
         let d = a2 / (PI * (n_h * n_h * (a2 - 1.0) + 1.0).powi(2));
-        let g = 2.0 * n_l * n_v
-            / (n_v * (a2 + (1.0 - a2) * n_l * n_l).sqrt() + n_l * (a2 + (1.0 - a2) * n_v * n_v).sqrt());
+        let g =
+            2.0 * n_l * n_v / (n_v * (a2 + (1.0 - a2) * n_l * n_l).sqrt() + n_l * (a2 + (1.0 - a2) * n_v * n_v).sqrt());
         let fresnel_w = (1.0 - v_h.abs()).powi(5);
         let diffuse_brdf = self.base / PI;
         let specular_brdf = d * g / (4.0 * n_v * n_l);
@@ -58,7 +58,8 @@ impl Appendix {
             let metal = only(1.0, self.base).brdf(n, v, l);
             without * (1.0 - self.metallic) + metal * self.metallic
         };
-        let diffuse_of = |l: Vector| (only(0.0, self.base).brdf(n, v, l) - only(0.0, 0.0).brdf(n, v, l)) * (1.0 - self.metallic);
+        let diffuse_of =
+            |l: Vector| (only(0.0, self.base).brdf(n, v, l) - only(0.0, 0.0).brdf(n, v, l)) * (1.0 - self.metallic);
         let (mut specular, mut diffuse) = (0.0, 0.0);
         for row in 0..steps {
             for column in 0..steps {
@@ -73,11 +74,11 @@ impl Appendix {
                 let l = [0, 1, 2].map(|c| 2.0 * v_h * h[c] - v[c]);
                 if v_h > 0.0 && l[1] > 0.0 {
                     // d(half) = D cos du dphi / ... : density of these half vectors, and 4 V.H to directions of light.
-                    let density = alpha.powi(2) / (PI * (cosine * cosine * (alpha.powi(2) - 1.0) + 1.0).powi(2)) * cosine;
+                    let density =
+                        alpha.powi(2) / (PI * (cosine * cosine * (alpha.powi(2) - 1.0) + 1.0).powi(2)) * cosine;
                     specular += specular_of(l) * l[1] * 4.0 * v_h / density / (steps * steps) as f64;
                 }
-                let height = u.sqrt();
-                let radius = (1.0 - u).sqrt();
+                let (height, radius) = (u.sqrt(), (1.0 - u).sqrt());
                 let l = [radius * azimuth.cos(), height, radius * azimuth.sin()];
                 diffuse += diffuse_of(l) * PI / (steps * steps) as f64;
             }

@@ -143,8 +143,13 @@ mod tests {
             uvs: at.map(|k| corners[k]),
             material,
         };
-        let material =
-            |texture, alpha| Material { name: String::new(), base_color: [1.0, 1.0, 1.0, 0.5], texture, alpha, finish: Finish::default() };
+        let material = |texture, alpha| Material {
+            name: String::new(),
+            base_color: [1.0, 1.0, 1.0, 0.5],
+            texture,
+            alpha,
+            finish: Finish::default(),
+        };
         Scene {
             triangles: vec![triangle([0, 1, 2], 1), triangle([0, 1, 2], 0), triangle([0, 2, 3], 0)],
             materials: vec![material(Some(0), alpha), material(None, Alpha::Blend)],

@@ -229,8 +229,13 @@ mod tests {
             triangle([at(-9.0, -9.0), at(-9.0, 9.0), at(9.0, 9.0)]),
             triangle([at(-9.0, -9.0), at(9.0, 9.0), at(9.0, -9.0)]),
         ];
-        let material =
-            Material { name: "floor".into(), base_color: [0.5, 0.5, 0.5, 1.0], texture: None, alpha: Alpha::Opaque, finish: Finish::default() };
+        let material = Material {
+            name: "floor".into(),
+            base_color: [0.5, 0.5, 0.5, 1.0],
+            texture: None,
+            alpha: Alpha::Opaque,
+            finish: Finish::default(),
+        };
         let camera = Camera {
             position: [0.0, 5.0, 0.0],
             target: [0.0; 3],

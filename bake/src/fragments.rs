@@ -75,7 +75,15 @@ mod tests {
     fn seen(triangle: u32, albedo: f32) -> Option<Surface> {
         let normal = Vec3A::Y;
         let albedo = Vec3A::new(albedo, 0.5 * albedo, 0.0);
-        Some(Surface { triangle, position: Vec3A::ZERO, normal_flat: normal, normal, albedo, gloss: None, cone: Cone::default() })
+        Some(Surface {
+            triangle,
+            position: Vec3A::ZERO,
+            normal_flat: normal,
+            normal,
+            albedo,
+            gloss: None,
+            cone: Cone::default(),
+        })
     }
 
     #[test]

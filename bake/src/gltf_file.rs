@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::scene::SceneError;
 use crate::normalmap::NormalMap;
+use crate::scene::SceneError;
 use crate::texture::{Encoding, Texture, Wrap};
 
 /// Extensions that change nothing that a bake reads, or that the accessor reader handles as it is.

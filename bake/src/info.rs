@@ -168,8 +168,8 @@ impl fmt::Display for Info {
                 100.0 * error.share_off_by_more_than_one
             )?;
         }
-        let highlights = if self.sun_highlights { "with highlights" } else { "without highlights (Lambert)" };
-        writeln!(f, "sun       {} casters, {highlights}", self.sun_casters)?;
+        let gleams = if self.sun_highlights { ", with highlights" } else { "" };
+        writeln!(f, "sun       {} casters{gleams}", self.sun_casters)?;
         for layer in &self.layers {
             writeln!(f, "layer     {} {:>12} bytes", layer.kind, layer.bytes)?;
         }

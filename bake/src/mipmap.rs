@@ -11,17 +11,14 @@ pub(crate) fn halved((width, height): (usize, usize)) -> Option<(usize, usize)> 
 
 /// Calls `add` with every texel of a level of size `from` that lies under texel (`x`, `y`) of the level of size `to`, and the
 /// share of the latter that it covers; the shares of a texel sum up to 1.
-pub(crate) fn under(
-    from: (usize, usize),
-    to: (usize, usize),
-    (x, y): (usize, usize),
-    mut add: impl FnMut(usize, f32),
-) {
+pub(crate) fn under(from: (usize, usize), to: (usize, usize), (x, y): (usize, usize), mut add: impl FnMut(usize, f32)) {
     let overlaps = |from: usize, to: usize, at: usize| {
         let scale = from as f32 / to as f32;
         let (low, high) = (at as f32 * scale, (at + 1) as f32 * scale);
         let last = (high.ceil() as usize).min(from);
-        (low as usize..last).map(move |k| (k, ((k + 1) as f32).min(high) - (k as f32).max(low))).map(move |(k, length)| (k, length / scale))
+        (low as usize..last)
+            .map(move |k| (k, ((k + 1) as f32).min(high) - (k as f32).max(low)))
+            .map(move |(k, length)| (k, length / scale))
     };
     for (row, down) in overlaps(from.1, to.1, y) {
         for (column, across) in overlaps(from.0, to.0, x) {
@@ -89,6 +86,9 @@ mod tests {
         let sizes: Vec<_> = std::iter::successors(Some((5, 3)), |&size| halved(size)).collect();
         assert_eq!(sizes, [(5, 3), (2, 1), (1, 1)]);
         assert_eq!(levels_at(1.25, 3), (1, 2, 0.25));
-        assert_eq!((levels_at(9.0, 3), levels_at(f32::NAN, 3), levels_at(-1.0, 1)), ((2, 2, 0.0), (0, 1, 0.0), (0, 0, 0.0)));
+        assert_eq!(
+            (levels_at(9.0, 3), levels_at(f32::NAN, 3), levels_at(-1.0, 1)),
+            ((2, 2, 0.0), (0, 1, 0.0), (0, 0, 0.0))
+        );
     }
 }

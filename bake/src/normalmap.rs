@@ -124,7 +124,8 @@ mod tests {
     #[test]
     fn opposite_slopes_are_level_and_rough_from_afar() {
         let slope = 0.2f32;
-        let texels: Vec<_> = (0..16).map(|k| code(Vec3::new(if k % 2 == 0 { slope } else { -slope }, 0.0, 1.0).normalize())).collect();
+        let texels: Vec<_> =
+            (0..16).map(|k| code(Vec3::new(if k % 2 == 0 { slope } else { -slope }, 0.0, 1.0).normalize())).collect();
         let map = NormalMap::new(4, 4, &texels, [Wrap::Repeat; 2]).unwrap();
         let far = map.sample(Vec2::splat(0.5), 2.0, 1.0);
         assert!(far.normal.z > 0.9999, "{far:?}");

@@ -17,10 +17,7 @@ pub(crate) enum Step<'w> {
     /// Another surface.
     Met(&'w Surface),
     /// Nothing any more, along the lobe of a surface whose lobe is looked for in this way, too.
-    Escaped {
-        from: &'w Surface,
-        dir_world: Vec3A,
-    },
+    Escaped { from: &'w Surface, dir_world: Vec3A },
 }
 
 /// Follows paths through a scene.
@@ -49,33 +46,16 @@ impl Tracer<'_> {
     ) {
         let mut surface = *seen;
         let [mut at, second] = at;
-        let mut throughput = Vec3A::ONE;
-        // Without the seen surface: a dark one must not shorten the paths that light it.
-        let mut relayed = Vec3A::ONE;
+        let mut carried = Carried { throughput: Vec3A::ONE, relayed: Vec3A::ONE };
         let mut hits = 1;
         loop {
             let last = self.max_hits != 0 && hits >= self.max_hits;
             let drawn = draw(&surface, at);
             let may_escape = drawn.specular && surface.gloss.is_some_and(|gloss| gloss.is_narrow());
-            if last && !may_escape {
+            if last && !may_escape || !carried.goes_on(drawn.weight, hits, self.max_hits == 0, rng) {
                 return;
             }
-            throughput *= drawn.weight;
-            if hits > 1 {
-                relayed *= drawn.weight;
-            }
-            if throughput.max_element() <= 0.0 {
-                return;
-            }
-            if self.max_hits == 0 && hits >= ROULETTE_FROM {
-                let chance = relayed.max_element().min(ROULETTE_CAP);
-                if rng.unit() >= chance {
-                    return;
-                }
-                throughput /= chance;
-                relayed /= chance;
-            }
-            let dir_world = drawn.dir_world;
+            let (dir_world, throughput) = (drawn.dir_world, carried.throughput);
             let leaves = if drawn.specular { surface.is_above(dir_world) } else { surface.cosine(dir_world) > 0.0 };
             if !leaves {
                 return;
@@ -97,12 +77,40 @@ impl Tracer<'_> {
     }
 }
 
+/// What is left of a path's light.
+struct Carried {
+    throughput: Vec3A,
+    /// Without the seen surface: a dark one must not shorten the paths that light it.
+    relayed: Vec3A,
+}
+
+impl Carried {
+    /// Takes in the reflection at the path's hit number `hits`; false when nothing is left of the path, or when it ends by
+    /// Russian roulette.
+    fn goes_on(&mut self, weight: Vec3A, hits: u32, roulette: bool, rng: &mut Rng) -> bool {
+        self.throughput *= weight;
+        if hits > 1 {
+            self.relayed *= weight;
+        }
+        if self.throughput.max_element() <= 0.0 {
+            return false;
+        }
+        if roulette && hits >= ROULETTE_FROM {
+            let chance = self.relayed.max_element().min(ROULETTE_CAP);
+            if rng.unit() >= chance {
+                return false;
+            }
+            self.throughput /= chance;
+            self.relayed /= chance;
+        }
+        true
+    }
+}
+
 /// Where a path goes on from `surface` for a point of the unit square.
 fn draw(surface: &Surface, at: Vec2) -> Drawn {
     match &surface.gloss {
         Some(gloss) => gloss.draw(surface.normal, surface.albedo, at),
-        None => {
-            Drawn { dir_world: cosine_direction(surface.normal, at), weight: surface.albedo, specular: false }
-        }
+        None => Drawn { dir_world: cosine_direction(surface.normal, at), weight: surface.albedo, specular: false },
     }
 }

@@ -200,35 +200,40 @@ impl Loader<'_> {
         let uvs = self.coordinates(primitive, Some(uses.base), place)?;
         let corners = self.corners(primitive, positions.len(), place)?;
         let mesh = PlacedMesh::new(&positions, normals.as_deref(), uvs.as_deref(), to_world, uses.base.transform);
-        let detailed = uses.finish.is_some() || uses.normal.is_some();
-        let finish_uvs = self.coordinates(primitive, uses.finish, place)?;
-        let normal_uvs = self.coordinates(primitive, uses.normal, place)?;
-        let tangents = match uses.normal {
-            Some(_) if normals.is_some() => self.attribute::<4>(primitive, &gltf::Semantic::Tangents, place)?,
-            _ => None,
-        };
+        let detailing = self.detailing(primitive, uses, normals.is_some(), place)?;
         for corner in corners {
             let triangle = match mesh.triangle(corner, material as u32) {
                 Ok(Some(triangle)) => triangle,
                 Ok(None) => continue,
                 Err(NotFinite) => return Err(SceneError::Vertex { file: self.file.path.clone(), place: place.into() }),
             };
-            if detailed {
+            if let Some(detailing) = &detailing {
                 self.scene.details.resize(self.scene.triangles.len(), Detail::default());
-                let mut detail = Detail {
-                    finish_uvs: mesh.uvs(finish_uvs.as_deref(), corner, uses.finish),
-                    normal_uvs: mesh.uvs(normal_uvs.as_deref(), corner, uses.normal),
-                    tangents: [Vec4::ZERO; 3],
-                };
-                detail.tangents = match &tangents {
-                    Some(own) => mesh.tangents(own, corner),
-                    None => tangents::of(&triangle, detail.normal_uvs),
-                };
-                self.scene.details.push(detail);
+                self.scene.details.push(detailing.of(&mesh, &triangle, corner));
             }
             self.scene.triangles.push(triangle);
         }
         Ok(())
+    }
+
+    /// What the finish's textures of a primitive need, if its material has any.
+    fn detailing(
+        &self,
+        primitive: &gltf::Primitive,
+        uses: UvUses,
+        has_normals: bool,
+        place: &str,
+    ) -> Result<Option<Detailing>, SceneError> {
+        if uses.finish.is_none() && uses.normal.is_none() {
+            return Ok(None);
+        }
+        let tangents = match uses.normal {
+            Some(_) if has_normals => self.attribute::<4>(primitive, &gltf::Semantic::Tangents, place)?,
+            _ => None,
+        };
+        let finish_uvs = self.coordinates(primitive, uses.finish, place)?;
+        let normal_uvs = self.coordinates(primitive, uses.normal, place)?;
+        Ok(Some(Detailing { uses, finish_uvs, normal_uvs, tangents }))
     }
 
     fn coordinates(
@@ -281,6 +286,28 @@ impl Loader<'_> {
             _ => indices.as_chunks::<3>().0.to_vec(),
         };
         Ok(corners)
+    }
+}
+
+/// Attributes of one primitive for its finish's textures.
+struct Detailing {
+    uses: UvUses,
+    finish_uvs: Option<Vec<[f64; 2]>>,
+    normal_uvs: Option<Vec<[f64; 2]>>,
+    tangents: Option<Vec<[f64; 4]>>,
+}
+
+impl Detailing {
+    fn of(&self, mesh: &PlacedMesh<'_>, triangle: &Triangle, corner: [usize; 3]) -> Detail {
+        let normal_uvs = mesh.uvs(self.normal_uvs.as_deref(), corner, self.uses.normal);
+        Detail {
+            finish_uvs: mesh.uvs(self.finish_uvs.as_deref(), corner, self.uses.finish),
+            normal_uvs,
+            tangents: match &self.tangents {
+                Some(own) => mesh.tangents(own, corner),
+                None => tangents::of(triangle, normal_uvs),
+            },
+        }
     }
 }
 

@@ -198,6 +198,10 @@ struct Gleam<'g> {
 }
 
 impl Gleam<'_> {
+    fn is_lit(&self, light: Vec3) -> bool {
+        dot(self.normal, light) > 0.0 || dot(self.facing, light) > 0.0
+    }
+
     /// Cosine times the share that the diffuse base gets, and the reflection times cosine, of light from `light`.
     fn of(&self, light: Vec3) -> (f32, Vec3) {
         let reflected = self.gloss.lobe.reflected(self.facing, self.view, light);
@@ -243,16 +247,11 @@ impl Facet {
                 take(&gleam, disc.axis, SHARE as f32);
                 continue;
             }
-            for &light in disc.share(usize::from(self.strata[k])) {
-                let lit = dot(gleam.normal, light) > 0.0 || dot(gleam.facing, light) > 0.0;
-                if lit && dot(self.plane, light) > 0.0 {
-                    let parted = passage == Passage::Parted;
-                    let seen =
-                        if parted { casters.transmittance_past(suspects, self.points[k], light) } else { 1.0 };
-                    if seen > 0.0 {
-                        take(&gleam, light, seen);
-                    }
-                }
+            let above = |light: &&Vec3| dot(self.plane, **light) > 0.0 && gleam.is_lit(**light);
+            for &light in disc.share(usize::from(self.strata[k])).iter().filter(above) {
+                let parted = passage == Passage::Parted;
+                let seen = if parted { casters.transmittance_past(suspects, self.points[k], light) } else { 1.0 };
+                take(&gleam, light, seen);
             }
         }
         let all = 1.0 / (self.count * SHARE) as f32;

@@ -86,8 +86,7 @@ pub type LayerKind = [u8; 4];
 /// Kinds that this version reads.
 pub const KNOWN_LAYERS: [LayerKind; 20] = [
     *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"CAST", *b"CBVH", *b"FRGT", *b"FRAG", *b"BPNT", *b"BTIL",
-    *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD", *b"DIRS", *b"GLST",
-    *b"GLSS",
+    *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD", *b"DIRS", *b"GLST", *b"GLSS",
 ];
 
 /// What is wrong with a field; each message says what to do.

@@ -33,7 +33,9 @@ fn the_brdf_is_the_appendix_s() {
             let (gloss, albedo) = gloss(&material, 0.02 + 0.97 * share(7));
             let light = cosine_direction(Vec3A::Y, Vec2::new(0.01 + 0.98 * share(11), 0.01 + 0.98 * share(13)));
             let double = |v: Vec3A| v.to_array().map(f64::from);
-            let want = std::f64::consts::PI * material.brdf([0.0, 1.0, 0.0], double(gloss.view), double(light)) * f64::from(light.y);
+            let want = std::f64::consts::PI
+                * material.brdf([0.0, 1.0, 0.0], double(gloss.view), double(light))
+                * f64::from(light.y);
             let got = f64::from(gloss.sent_on(albedo * light.y, light, 1.0).x);
             assert!((got / want - 1.0).abs() < 2e-3, "{material:?} {k}: {got} instead of {want}");
         }
@@ -85,7 +87,8 @@ fn a_lobe_s_density_is_that_of_its_draws() {
         let mut want = vec![0.0f32; rows * columns];
         let (fine, all) = (480, 480.0f32 * 640.0);
         for k in 0..fine * 640 {
-            let (height, azimuth) = (((k / 640) as f32 + 0.5) / fine as f32, ((k % 640) as f32 + 0.5) / 640.0 * std::f32::consts::TAU);
+            let (height, azimuth) =
+                (((k / 640) as f32 + 0.5) / fine as f32, ((k % 640) as f32 + 0.5) / 640.0 * std::f32::consts::TAU);
             let radius = (1.0 - height * height).sqrt();
             let light = Vec3A::new(radius * azimuth.cos(), height, radius * azimuth.sin());
             let density = gloss.lobe.density(gloss.normal.to_array(), gloss.view.to_array(), light.to_array());

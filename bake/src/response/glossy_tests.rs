@@ -141,7 +141,11 @@ fn a_mirror_in_a_closed_white_room_is_white() {
     scene.materials[0].finish = Finish { metallic: 1.0, roughness: 0.2, ..Finish::default() };
     // A coat that reflects nothing leaves the Lambert wall.
     scene.materials[1].finish = Finish { coat_f0: [0.0; 3], coat_f90: 0.0, ..Finish::default() };
-    let tile = tile(&scene.shaded(Shading::Gltf), &super::tests::into_the_corner(), TransportOptions { paths: 16, ..options(0) });
+    let tile = tile(
+        &scene.shaded(Shading::Gltf),
+        &super::tests::into_the_corner(),
+        TransportOptions { paths: 16, ..options(0) },
+    );
     let got: f64 = means(&tile).iter().sum();
     // What a roughness of 0.2 loses to masking is below a hundredth.
     assert!((got - 1.0).abs() < 0.02, "{got}");
@@ -162,7 +166,9 @@ pub(crate) fn mapped(material: &Appendix, slope: f32) -> Scene {
 
 #[test]
 fn a_normal_map_is_a_tilted_plane() {
-    for material in [Appendix { base: 0.7, metallic: 0.0, roughness: 0.3 }, Appendix { base: 0.7, metallic: 1.0, roughness: 0.4 }] {
+    for material in
+        [Appendix { base: 0.7, metallic: 0.0, roughness: 0.3 }, Appendix { base: 0.7, metallic: 1.0, roughness: 0.4 }]
+    {
         let eye = camera([0.1, 0.8, 0.2], [0.0; 3], 0.1);
         let got = means(&tile(&mapped(&material, 0.25), &eye, options(1)));
         let lean = Vec3::new(0.25, 0.0, 1.0).normalize();

@@ -113,12 +113,7 @@ impl Loader<'_> {
         Ok(finish)
     }
 
-    fn texture(
-        &mut self,
-        known: &mut Known,
-        texture: &gltf::Texture,
-        encoding: Encoding,
-    ) -> Result<u32, SceneError> {
+    fn texture(&mut self, known: &mut Known, texture: &gltf::Texture, encoding: Encoding) -> Result<u32, SceneError> {
         let key = (texture.index(), encoding);
         if let Some(&index) = known.textures.get(&key) {
             return Ok(index);
@@ -132,7 +127,8 @@ impl Loader<'_> {
     /// Tells what of a material is left out.
     fn note(&mut self, material: &gltf::Material) {
         let name = material.name().map_or(format!("{}", material.index().unwrap_or(0)), |name| format!("'{name}'"));
-        let mut left_out = |what: &str, instead: &str| self.notices.push(format!("material {name}: {what} is ignored: {instead}"));
+        let mut left_out =
+            |what: &str, instead: &str| self.notices.push(format!("material {name}: {what} is ignored: {instead}"));
         if material.emissive_factor().iter().any(|&v| v > 0.0) {
             left_out("emission", "Relume brings its own light");
         }
@@ -140,7 +136,9 @@ impl Loader<'_> {
             return;
         }
         let extensions = material.extensions();
-        let has = |name: &str| extensions.is_some_and(|own| own.contains_key(name)) || (name == "KHR_materials_unlit" && material.unlit());
+        let has = |name: &str| {
+            extensions.is_some_and(|own| own.contains_key(name)) || (name == "KHR_materials_unlit" && material.unlit())
+        };
         for (extension, instead) in LEFT_OUT.iter().filter(|(extension, _)| has(extension)) {
             left_out(extension, instead);
         }
@@ -157,10 +155,11 @@ impl Loader<'_> {
 fn coat(material: &gltf::Material) -> Finish {
     let from_ior = |ior: f32| ((1.0 - ior) / (1.0 + ior)).powi(2);
     // An index of 0 stands for one without end.
-    let f0 = material.ior().filter(|ior| ior.is_finite() && (*ior >= 1.0 || *ior == 0.0)).map_or(DIELECTRIC_F0, from_ior);
-    let (strength, color) = material.specular().map_or((1.0, [1.0; 3]), |specular| {
-        (unit(specular.specular_factor(), 1.0), specular.specular_color_factor())
-    });
+    let f0 =
+        material.ior().filter(|ior| ior.is_finite() && (*ior >= 1.0 || *ior == 0.0)).map_or(DIELECTRIC_F0, from_ior);
+    let (strength, color) = material
+        .specular()
+        .map_or((1.0, [1.0; 3]), |specular| (unit(specular.specular_factor(), 1.0), specular.specular_color_factor()));
     let coat_f0 = color.map(|c| unit(f0 * c, f0) * strength);
     Finish { coat_f0, coat_f90: strength, ..Finish::default() }
 }
