@@ -363,7 +363,9 @@ impl<'s> Transport<'s> {
 fn uniform(seen: &Seen) -> bool {
     let Some(Some(first)) = seen.first() else { return false };
     seen.iter().all(|surface| {
-        surface.is_some_and(|s| s.normal.dot(first.normal) > 0.98 && (s.albedo - first.albedo).length() < 0.05)
+        surface.is_some_and(|s| {
+            s.normal.dot(first.normal) > 0.98 && (s.reflectance() - first.reflectance()).length() < 0.05
+        })
     })
 }
 

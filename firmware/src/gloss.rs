@@ -190,7 +190,7 @@ impl<'a> GlossLayer<'a> {
         let layer = GlossLayer { places, records };
         for tile in 0..tiles {
             let (from, to) = layer.range(tile);
-            if from > to || to * GLOSS > records.len() || to - from != fragments(tile) {
+            if from > to || to > records.len() / GLOSS || to - from != fragments(tile) {
                 return Err(bad);
             }
         }

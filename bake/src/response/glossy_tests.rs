@@ -134,6 +134,44 @@ fn a_mirror_shows_the_patch_behind_it() {
     assert!(got.iter().sum::<f64>() < 1.02);
 }
 
+/// A sphere of radius 1 about the origin.
+fn sphere() -> Scene {
+    let rows = 96;
+    let point = |row: usize, column: usize| {
+        let (down, around) = (PI * row as f64 / rows as f64, PI * column as f64 / rows as f64);
+        Vec3::new((down.sin() * around.cos()) as f32, down.cos() as f32, (down.sin() * around.sin()) as f32)
+    };
+    let mut scene = quads(&[(floor(50.0, 0.0), 1.0)]);
+    let plain = scene.triangles[0];
+    scene.triangles.clear();
+    for (row, column) in (0..rows).flat_map(|row| (0..2 * rows).map(move |column| (row, column))) {
+        let [a, b] = [point(row, column), point(row, column + 1)];
+        let [c, d] = [point(row + 1, column), point(row + 1, column + 1)];
+        for positions in [[a, b, c], [b, d, c]] {
+            scene.triangles.push(Triangle { positions, normals: positions, ..plain });
+        }
+    }
+    scene
+}
+
+#[test]
+fn a_mirror_sphere_shows_the_patch_behind_every_point() {
+    let scene = finished(sphere(), &Appendix { base: 1.0, metallic: 1.0, roughness: 0.0 });
+    let eye = Vec3::new(0.0, 0.5, 5.0);
+    for patch in [3, 20, 33, 50] {
+        let light = Vec3::from(patches().dir_world(patch));
+        // The point whose normal halves the angle between eye and patch.
+        let halved = |normal: Vec3| ((eye - normal).normalize() + light).normalize();
+        let point = (0..30).fold(Vec3::Z, |normal, _| halved(normal));
+        if (eye - point).dot(point) < 0.2 {
+            continue;
+        }
+        let look = camera(eye.to_array().map(f64::from), point.to_array().map(f64::from), 0.02);
+        let got = means(&tile(&scene, &look, options(0)));
+        assert!((got[patch] - 1.0).abs() < 0.03, "patch {patch} from {point}: {}", got[patch]);
+    }
+}
+
 #[test]
 fn a_mirror_in_a_closed_white_room_is_white() {
     // A white furnace of two kinds of surface: a mirror floor, before it a white Lambert wall.
