@@ -4,7 +4,7 @@ use crate::compress::{Compressed, Target, Whites, block_bound, bound_basis, comp
 use crate::encode::{TileBytes, bound_record, mask_of, way_block};
 use crate::prior::Prior;
 use crate::response::TileResponse;
-use crate::sunlayers::CasterLayers;
+use crate::sunlayers::{CasterLayers, gloss_records};
 use crate::write::FieldTile;
 use nalgebra::DMatrix;
 use relume_firmware::bound::GROUP;
@@ -97,6 +97,7 @@ impl BlockCompressor {
             // A pixel in the mask is covered, however little.
             coverage: coverage.map(|share| (share * 255.0).round().clamp(1.0, 255.0) as u8).collect(),
             fragments: self.casters.fragments(&own.fragments),
+            gloss: gloss_records(&own.fragments),
         }
     }
 }

@@ -24,8 +24,9 @@ pub(crate) struct Vertex {
 
 impl Vertex {
     pub(crate) fn of(surface: &Surface, paths: f32) -> Self {
-        let mean = surface.albedo.element_sum() / 3.0;
-        let tint = if mean > 0.0 { surface.albedo / mean } else { Vec3A::ONE };
+        let reflectance = surface.reflectance();
+        let mean = reflectance.element_sum() / 3.0;
+        let tint = if mean > 0.0 { reflectance / mean } else { Vec3A::ONE };
         Vertex { position: surface.position, normal: surface.normal, tint, paths }
     }
 

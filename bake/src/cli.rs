@@ -24,7 +24,8 @@ relume-bake: makes the field that a post relights.
       -o FIELD         the field file to write
       --directions N   patches of the upper hemisphere, 16 to 1024 (256)
       --sphere         these patches are of all directions alike: for a thing on a table, under the light of a room
-      --materials M    lambert: base colour, both sides (the only model of this version)
+      --materials M    gltf: metallic-roughness and normal maps as glTF 2.0 defines them (the default), or
+                       lambert: base colour alone
       --max-hits N     most surface hits of a light path, 0 for no limit (0)
       --site LAT,LON   the post's place, noted in the field
       --stack DIR      also write the uncompressed stack (EXR) there

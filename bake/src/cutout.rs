@@ -130,6 +130,7 @@ impl Cutter<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::material::Finish;
     use crate::texture::{Texture, Wrap};
 
     /// A unit square of two triangles whose texture is opaque in the left half, and one plain triangle.
@@ -142,12 +143,18 @@ mod tests {
             uvs: at.map(|k| corners[k]),
             material,
         };
-        let material =
-            |texture, alpha| Material { name: String::new(), base_color: [1.0, 1.0, 1.0, 0.5], texture, alpha };
+        let material = |texture, alpha| Material {
+            name: String::new(),
+            base_color: [1.0, 1.0, 1.0, 0.5],
+            texture,
+            alpha,
+            finish: Finish::default(),
+        };
         Scene {
             triangles: vec![triangle([0, 1, 2], 1), triangle([0, 1, 2], 0), triangle([0, 2, 3], 0)],
             materials: vec![material(Some(0), alpha), material(None, Alpha::Blend)],
             textures: vec![Texture::new(64, 64, texels, [Wrap::Clamp; 2]).unwrap()],
+            ..Scene::default()
         }
     }
 

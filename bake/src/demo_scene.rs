@@ -36,7 +36,12 @@ pub fn temple() -> (Scene, Camera) {
     land::ruin(&mut mesh);
     land::scatter(&mut mesh);
     land::cypresses(&mut mesh);
-    let scene = Scene { triangles: mesh.triangles, materials: stone::materials(), textures: stone::textures() };
+    let scene = Scene {
+        triangles: mesh.triangles,
+        materials: stone::materials(),
+        textures: stone::textures(),
+        ..Scene::default()
+    };
     (scene, viewpoint())
 }
 

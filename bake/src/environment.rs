@@ -10,7 +10,7 @@ use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 
 use crate::camera::Camera;
-use crate::geometry::{Geometry, Surface};
+use crate::geometry::{Cone, Geometry, Surface};
 use crate::scene::Scene;
 
 /// Half the sun's apparent diameter, radians.
@@ -165,7 +165,7 @@ fn path(geometry: &Geometry<'_>, environment: &Environment, eye: (Vec3, Vec3), r
         let Some(hit) = geometry.closest(origin, direction, random.bits()) else {
             return (hits > 1).then_some(radiance);
         };
-        let surface = geometry.surface(&hit, direction);
+        let surface = geometry.surface(&hit, direction, Cone::default());
         radiance += throughput * environment.light(geometry, &surface, random);
         throughput *= surface.albedo;
         if hits >= ROULETTE_FROM {
@@ -217,6 +217,7 @@ impl Random {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::material::Finish;
     use crate::scene::{Alpha, Material, Triangle};
     use glam::Vec2;
 
@@ -228,8 +229,13 @@ mod tests {
             triangle([at(-9.0, -9.0), at(-9.0, 9.0), at(9.0, 9.0)]),
             triangle([at(-9.0, -9.0), at(9.0, 9.0), at(9.0, -9.0)]),
         ];
-        let material =
-            Material { name: "floor".into(), base_color: [0.5, 0.5, 0.5, 1.0], texture: None, alpha: Alpha::Opaque };
+        let material = Material {
+            name: "floor".into(),
+            base_color: [0.5, 0.5, 0.5, 1.0],
+            texture: None,
+            alpha: Alpha::Opaque,
+            finish: Finish::default(),
+        };
         let camera = Camera {
             position: [0.0, 5.0, 0.0],
             target: [0.0; 3],
@@ -237,7 +243,7 @@ mod tests {
             fov_y_deg: 40.0,
             north_deg: 0.0,
         };
-        (Scene { triangles, materials: vec![material], textures: vec![] }, camera)
+        (Scene { triangles, materials: vec![material], ..Scene::default() }, camera)
     }
 
     fn mean(environment: &Environment) -> f32 {

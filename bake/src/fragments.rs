@@ -1,6 +1,7 @@
 //! Which triangles a pixel sees, and how much light each sends it: what the live sun needs to know.
 
 use glam::Vec3A;
+use relume_firmware::gloss::{Gloss, Lobe};
 
 use crate::response::Seen;
 
@@ -14,6 +15,8 @@ pub struct Fragment {
     /// Linear RGB: the triangle's share of the pixel's samples times its mean reflectance. The sum over a pixel's
     /// fragments is its premultiplied mean reflectance.
     pub albedo: [f32; 3],
+    /// How it gleams, the mean over the samples; `None` for a Lambert surface.
+    pub gloss: Option<Gloss>,
 }
 
 /// The fragments of a pixel, largest first.
@@ -30,22 +33,57 @@ pub(crate) fn fragments(seen: &Seen) -> Vec<Fragment> {
                 fragment.albedo = (Vec3A::from(fragment.albedo) + albedo).to_array();
                 *samples += 1;
             }
-            None => all.push((Fragment { triangle: surface.triangle, strata, albedo: albedo.to_array() }, 1)),
+            None => {
+                let albedo = albedo.to_array();
+                all.push((Fragment { triangle: surface.triangle, strata, albedo, gloss: None }, 1));
+            }
         }
     }
     all.sort_by_key(|(fragment, samples)| (std::cmp::Reverse(*samples), fragment.triangle));
-    all.into_iter().map(|(fragment, _)| fragment).collect()
+    let with_gloss = |(mut fragment, _): (Fragment, u32)| {
+        let own = |sample: &usize| fragment.strata >> sample & 1 != 0;
+        let surfaces = (0..seen.len()).filter(own).filter_map(|sample| seen[sample].as_ref()?.gloss);
+        fragment.gloss = mean_gloss(&surfaces.collect::<Vec<_>>());
+        fragment
+    };
+    all.into_iter().map(with_gloss).collect()
+}
+
+/// The mean of lobes; normals that differ make it wider.
+fn mean_gloss(all: &[crate::gloss::Gloss]) -> Option<Gloss> {
+    let share = 1.0 / all.len() as f32;
+    let mean = |of: &dyn Fn(&crate::gloss::Gloss) -> f32| all.iter().map(of).sum::<f32>() * share;
+    let bend = all.iter().map(|gloss| gloss.bend).sum::<Vec3A>() * share;
+    // Normals of the variance s along each of two axes widen alpha^2 by 2 s.
+    let spread = mean(&|gloss| gloss.bend.distance_squared(bend));
+    let alpha = (mean(&|gloss| gloss.lobe.alpha.powi(2)) + spread).sqrt().min(1.0);
+    let lobe = Lobe {
+        alpha,
+        f0: [0, 1, 2].map(|c: usize| mean(&|gloss| gloss.lobe.f0[c])),
+        f90: mean(&|gloss| gloss.lobe.f90),
+        coat_f0: mean(&|gloss| gloss.lobe.coat_f0),
+        coat_f90: mean(&|gloss| gloss.lobe.coat_f90),
+    };
+    (!all.is_empty()).then(|| Gloss { bend: bend.to_array(), lobe })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Surface;
+    use crate::geometry::{Cone, Surface};
 
     fn seen(triangle: u32, albedo: f32) -> Option<Surface> {
         let normal = Vec3A::Y;
         let albedo = Vec3A::new(albedo, 0.5 * albedo, 0.0);
-        Some(Surface { triangle, position: Vec3A::ZERO, normal_flat: normal, normal, albedo })
+        Some(Surface {
+            triangle,
+            position: Vec3A::ZERO,
+            normal_flat: normal,
+            normal,
+            albedo,
+            gloss: None,
+            cone: Cone::default(),
+        })
     }
 
     #[test]

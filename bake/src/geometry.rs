@@ -7,7 +7,10 @@ use obvhs::BvhBuildParams;
 use obvhs::cwbvh::{CwBvh, builder::build_cwbvh_from_tris};
 use obvhs::ray::{Ray, RayHit};
 
-use crate::scene::{Alpha, Material, Scene};
+use crate::gloss::{Drawn, Gloss};
+use crate::material::{Alpha, Material, Shading};
+use crate::scene::Scene;
+use crate::shading::{Texturing, gloss_at};
 use crate::strata::hash;
 
 /// Where a ray met the scene.
@@ -34,8 +37,34 @@ pub struct Surface {
     pub normal_flat: Vec3A,
     /// Unit shading normal, on the viewer's side of the plane.
     pub normal: Vec3A,
-    /// Linear RGB reflectance, 0..1.
+    /// Linear RGB reflectance, 0..1; of the diffuse base where there is gloss.
     pub albedo: Vec3A,
+    /// Its reflection lobe; `None` for a Lambert surface.
+    pub gloss: Option<Gloss>,
+    /// The cone that the surface was seen in.
+    pub cone: Cone,
+}
+
+/// What a ray stands for: textures are averaged over it (Akenine-Moller et al., *Improved Shader and Texture Level of Detail
+/// Using Ray Cones*, JCGT 2021).
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Cone {
+    /// Width at the origin, m.
+    pub width: f32,
+    /// Opening angle, radians.
+    pub spread: f32,
+}
+
+/// Opening angle of a ray that leaves a diffuse surface, radians: many of them make a picture's light.
+const DIFFUSE_SPREAD: f32 = 0.1;
+
+impl Cone {
+    /// The cone of a ray that goes on from `surface`.
+    pub(crate) fn on(self, surface: &Surface, drawn: &Drawn) -> Cone {
+        let alpha = surface.gloss.map_or(1.0, |gloss| gloss.lobe.alpha);
+        let spread = if drawn.specular { self.spread + DIFFUSE_SPREAD * alpha } else { DIFFUSE_SPREAD };
+        Cone { width: self.width, spread }
+    }
 }
 
 impl Surface {
@@ -43,6 +72,18 @@ impl Surface {
     #[inline]
     pub fn cosine(&self, dir_world: Vec3A) -> f32 {
         if self.normal_flat.dot(dir_world) <= 0.0 { 0.0 } else { self.normal.dot(dir_world).max(0.0) }
+    }
+
+    /// Does `dir_world` leave the surface?
+    #[inline]
+    pub fn is_above(&self, dir_world: Vec3A) -> bool {
+        self.normal_flat.dot(dir_world) > 0.0
+    }
+
+    /// Linear RGB: all that the surface reflects of even light.
+    #[inline]
+    pub fn reflectance(&self) -> Vec3A {
+        self.gloss.map_or(self.albedo, |gloss| gloss.reflectance)
     }
 }
 
@@ -163,8 +204,8 @@ impl<'s> Geometry<'s> {
         passed
     }
 
-    /// The surface at a hit of a ray along the unit vector `dir_world`.
-    pub fn surface(&self, hit: &Hit, dir_world: Vec3A) -> Surface {
+    /// The surface at a hit of a ray along the unit vector `dir_world`, seen in `cone`.
+    pub fn surface(&self, hit: &Hit, dir_world: Vec3A, cone: Cone) -> Surface {
         let triangle = &self.scene.triangles[hit.triangle as usize];
         let [a, b, c] = triangle.positions.map(Vec3A::from);
         let weights = Vec3::new(1.0 - hit.barycentric.x - hit.barycentric.y, hit.barycentric.x, hit.barycentric.y);
@@ -175,9 +216,24 @@ impl<'s> Geometry<'s> {
         let smooth = (na * weights.x + nb * weights.y + nc * weights.z).try_normalize().unwrap_or(normal_flat);
         let normal = if smooth.dot(normal_flat) < 0.0 { -smooth } else { smooth };
         let lift = self.lift(point);
-        let color = self.color(hit.triangle, weights);
-        let albedo = Vec3A::new(color.x, color.y, color.z);
-        Surface { triangle: hit.triangle, position: point + normal_flat * lift, normal_flat, normal, albedo }
+        let cone = Cone { width: cone.width + cone.spread * hit.distance, ..cone };
+        let mut surface = Surface {
+            triangle: hit.triangle,
+            position: point + normal_flat * lift,
+            normal_flat,
+            normal,
+            albedo: Vec3A::ZERO,
+            gloss: None,
+            cone,
+        };
+        match self.scene.shading {
+            Shading::Lambert => surface.albedo = self.color(hit.triangle, weights).truncate().into(),
+            Shading::Gltf => {
+                let texturing = Texturing { scene: self.scene, triangle: hit.triangle as usize, weights };
+                gloss_at(&texturing, -dir_world, &mut surface);
+            }
+        }
+        surface
     }
 
     /// How far a point of a surface is lifted off it, m.
@@ -194,6 +250,12 @@ impl<'s> Geometry<'s> {
             Alpha::Mask { cutoff } => f32::from(alpha >= cutoff),
             Alpha::Blend => alpha,
         }
+    }
+
+    /// Linear base colour of the material where it was hit.
+    pub fn base_color(&self, hit: &Hit) -> Vec3A {
+        let [u, v] = hit.barycentric.to_array();
+        self.color(hit.triangle, Vec3::new(1.0 - u - v, u, v)).truncate().into()
     }
 
     /// Linear colour and alpha of the material at a point of a triangle.

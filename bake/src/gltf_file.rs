@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::normalmap::NormalMap;
 use crate::scene::SceneError;
-use crate::texture::{Texture, Wrap};
+use crate::texture::{Encoding, Texture, Wrap};
 
-/// Extensions that change nothing that a Lambert bake reads, or that the accessor reader handles as it is.
+/// Extensions that change nothing that a bake reads, or that the accessor reader handles as it is.
 const HARMLESS: [&str; 3] = ["KHR_mesh_quantization", "KHR_texture_transform", "KHR_lights_punctual"];
 
 /// A checked glTF document and the bytes of its buffers.
@@ -71,7 +72,20 @@ impl GltfFile {
     }
 
     /// Decodes the picture of `texture`.
-    pub(crate) fn texture(&self, texture: &gltf::Texture) -> Result<Texture, SceneError> {
+    pub(crate) fn texture(&self, texture: &gltf::Texture, encoding: Encoding) -> Result<Texture, SceneError> {
+        let picture = self.picture(texture)?;
+        Texture::encoded(picture.size.0, picture.size.1, picture.texels, picture.wrap, encoding)
+            .ok_or_else(|| picture.name.fault(&self.path, "it is empty".into()))
+    }
+
+    /// Decodes the normal map of `texture`.
+    pub(crate) fn normal_map(&self, texture: &gltf::Texture) -> Result<NormalMap, SceneError> {
+        let picture = self.picture(texture)?;
+        NormalMap::new(picture.size.0, picture.size.1, &picture.texels, picture.wrap)
+            .ok_or_else(|| picture.name.fault(&self.path, "it is empty".into()))
+    }
+
+    fn picture(&self, texture: &gltf::Texture) -> Result<Picture, SceneError> {
         let source = texture.source();
         let name = source.name().map_or(format!("{}", source.index()), |n| format!("'{n}'"));
         let bytes = match source.source() {
@@ -82,8 +96,8 @@ impl GltfFile {
                 bytes.ok_or_else(|| self.fault(format!("image {name} lies outside its buffer")))?.to_vec()
             }
         };
-        let fault = |fault: String| SceneError::Image { file: self.path.clone(), image: name.clone(), fault };
-        let picture = image::load_from_memory(&bytes).map_err(|e| fault(e.to_string()))?.into_rgba8();
+        let name = PictureName(name);
+        let picture = image::load_from_memory(&bytes).map_err(|e| name.fault(&self.path, e.to_string()))?.into_rgba8();
         let (width, height) = picture.dimensions();
         let texels = picture.pixels().map(|p| p.0).collect();
         let wrap = [texture.sampler().wrap_s(), texture.sampler().wrap_t()].map(|mode| match mode {
@@ -91,7 +105,23 @@ impl GltfFile {
             gltf::texture::WrappingMode::MirroredRepeat => Wrap::Mirror,
             gltf::texture::WrappingMode::ClampToEdge => Wrap::Clamp,
         });
-        Texture::new(width as usize, height as usize, texels, wrap).ok_or_else(|| fault("it is empty".into()))
+        Ok(Picture { name, size: (width as usize, height as usize), texels, wrap })
+    }
+}
+
+/// A decoded picture.
+struct Picture {
+    name: PictureName,
+    size: (usize, usize),
+    texels: Vec<[u8; 4]>,
+    wrap: [Wrap; 2],
+}
+
+struct PictureName(String);
+
+impl PictureName {
+    fn fault(&self, file: &Path, fault: String) -> SceneError {
+        SceneError::Image { file: file.to_owned(), image: self.0.clone(), fault }
     }
 }
 

@@ -30,6 +30,7 @@ pub struct Info {
     bytes_stored_per_covered_pixel: f64,
     ranks: Ranks,
     sun_casters: usize,
+    sun_highlights: bool,
     layers: Vec<LayerInfo>,
     bake: Option<Report>,
 }
@@ -121,6 +122,7 @@ impl Info {
             bytes_stored_per_covered_pixel: per_pixel(field.file_bytes()),
             ranks: Ranks::of(field),
             sun_casters: field.sun_surfaces().casters().len(),
+            sun_highlights: field.sun_surfaces().is_glossy(),
             layers: field.layers().map(|layer| LayerInfo { kind: kind(layer.kind), bytes: layer.length }).collect(),
             bake: serde_json::from_slice(field.meta()).ok(),
         }
@@ -181,7 +183,8 @@ impl fmt::Display for Info {
         if let Some(noise) = self.bake.as_ref().and_then(|bake| bake.noise.as_ref()) {
             write_noise(f, noise)?;
         }
-        writeln!(f, "sun       {} casters", self.sun_casters)?;
+        let gleams = if self.sun_highlights { ", with highlights" } else { "" };
+        writeln!(f, "sun       {} casters{gleams}", self.sun_casters)?;
         for layer in &self.layers {
             writeln!(f, "layer     {} {:>12} bytes", layer.kind, layer.bytes)?;
         }

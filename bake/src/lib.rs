@@ -1,5 +1,7 @@
 //! Offline tool of Relume: scene -> response -> tiles -> field file.
 mod accessor;
+#[cfg(test)]
+mod appendix_b;
 pub mod assembly;
 pub mod bake;
 pub mod blocks;
@@ -16,6 +18,7 @@ pub mod environment;
 pub mod error;
 pub mod fragments;
 pub mod geometry;
+pub mod gloss;
 mod gltf_file;
 pub mod heldout;
 pub mod import;
@@ -23,7 +26,10 @@ pub mod info;
 pub mod job;
 mod leading;
 pub mod ledger;
+pub mod material;
+mod mipmap;
 pub mod noise;
+pub mod normalmap;
 mod path;
 pub mod plan;
 pub mod preview;
@@ -33,6 +39,7 @@ pub mod report;
 pub mod reportpage;
 pub mod response;
 pub mod scene;
+mod shading;
 mod sobol;
 pub mod stack;
 mod strata;

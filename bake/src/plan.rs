@@ -4,7 +4,7 @@ use crate::bake::{BakeError, BakeOptions};
 use crate::camera::Camera;
 use crate::job::block_count;
 use crate::response::TransportOptions;
-use crate::scene::Scene;
+use crate::scene::{Scene, Shading};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -67,6 +67,8 @@ pub struct Plan {
     pub tiles: u32,
     /// Of the bake with these very scene and camera.
     pub identity: u32,
+    /// Which part of the scene's materials is used.
+    pub materials: Shading,
     /// Sampling of the light transport.
     pub transport: TransportOptions,
 }
@@ -94,6 +96,7 @@ impl Plan {
             test_skies: options.test_maps.iter().map(|map| seen_from(folder, map)).collect(),
             tiles: block_count(options.size),
             identity: identity(scene, camera, options)?,
+            materials: scene.shading,
             transport: options.transport,
         })
     }
@@ -175,6 +178,8 @@ pub fn identity(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result
     let _ = write!(sum, "{:?} {} {} {:?}", options.size, options.directions, options.sphere, options.transport);
     let _ = write!(sum, "{} {:?}", options.error, options.site);
     let _ = write!(sum, "{:?} {:?}", scene.triangles, scene.materials);
+    let _ = write!(sum, "{:?} {:?}", scene.shading, scene.details);
+    scene.normal_maps.iter().for_each(|map| map.checksum(&mut sum.0));
     scene.textures.iter().for_each(|texture| texture.checksum(&mut sum.0));
     for map in &options.test_maps {
         let bytes = std::fs::read(map).map_err(|source| BakeError::TestSky { file: map.clone(), source })?;

@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::{Camera, CameraView};
 use crate::fragments::{Fragment, fragments};
-use crate::geometry::{Geometry, Surface};
-use crate::path::Tracer;
+use crate::geometry::{Cone, Geometry, Surface};
+use crate::path::{Step, Tracer};
 use crate::scene::Scene;
 use crate::strata::{Grid, PatchTable, Rng, class_of};
 use crate::viewpoint::{self, TransportError};
@@ -179,9 +179,10 @@ impl<'s> Transport<'s> {
             let from = tile.response.len();
             tile.response.resize(from + 3 * patches, 0.0);
             tile.indirect.resize(from + 3 * patches, 0.0);
-            self.further_light(&seen, &mut tile.indirect[from..], &mut rng);
-            tile.response[from..].copy_from_slice(&tile.indirect[from..]);
-            self.first_light(&seen, &mut tile.response[from..], &mut rng);
+            let (response, indirect) = (&mut tile.response[from..], &mut tile.indirect[from..]);
+            self.further_light(&seen, [&mut *response, &mut *indirect], &mut rng);
+            response.iter_mut().zip(&*indirect).for_each(|(all, further)| *all += further);
+            self.first_light(&seen, response, &mut rng);
         }
         tile
     }
@@ -190,10 +191,12 @@ impl<'s> Transport<'s> {
     pub(crate) fn seen(&self, x: u32, y: u32) -> (Seen, Rng) {
         let mut rng = Rng::new(self.options.seed, x, y, 0);
         let origin = self.view.position.as_vec3a();
+        // Each of 4 x 4 points stands for its part of the pixel.
+        let cone = Cone { width: 0.0, spread: 0.25 * self.view.pixel_angle() };
         let mut look = |s: usize| {
             let [right, down] = pixel_point(s);
             let direction = Vec3A::from(self.view.direction(x as f32 + right, y as f32 + down));
-            self.tracer.first(origin, direction, &mut rng)
+            self.tracer.first(origin, direction, cone, &mut rng)
         };
         let seen = (0..PIXEL_POINTS).map(&mut look).collect();
         (seen, rng)
@@ -202,9 +205,10 @@ impl<'s> Transport<'s> {
     /// Adds the light that reaches the seen surfaces straight from the patches to `[channel][patch]`.
     fn first_light(&self, seen: &Seen, response: &mut [f32], rng: &mut Rng) {
         let patches = self.patches.len();
-        let usual = if uniform(seen) { self.options.direct_classes } else { 4 };
+        let usual = self.usual_classes(seen);
         for patch in 0..patches {
-            let classes = if self.patches.wide(patch) { 4 } else { usual };
+            let classes = self.classes(patch, usual);
+            let aimed = self.first_density(patch, usual);
             let rays = classes * seen.len() as u32 / 4;
             let grid = Grid::new(rays);
             let turn = rng.next_u32();
@@ -220,11 +224,7 @@ impl<'s> Transport<'s> {
                     && !self.patches.below(patch, surface.normal_flat)
                 {
                     let direction = self.patches.direction(patch, grid.point(cell % rays, rng.jitter()));
-                    let cosine = surface.cosine(direction);
-                    if cosine > 0.0 {
-                        let passed = self.tracer.geometry.transmittance(surface.position, direction);
-                        sum += surface.albedo * (cosine * passed);
-                    }
+                    sum += self.sent_on(surface, direction, aimed, self.options.paths as f32);
                 }
             }
             for channel in 0..3 {
@@ -233,8 +233,45 @@ impl<'s> Transport<'s> {
         }
     }
 
-    /// Adds the light that reaches the seen surfaces by way of others to `[channel][patch]`.
-    fn further_light(&self, seen: &Seen, indirect: &mut [f32], rng: &mut Rng) {
+    /// Pi times the radiance that `surface` sends on of radiance 1 from `dir_world`, over 1 sr; what an aimed ray of the density
+    /// `aimed` brings of it when `paths` paths start there.
+    fn sent_on(&self, surface: &Surface, dir_world: Vec3A, aimed: f32, paths: f32) -> Vec3A {
+        let passed = || self.tracer.geometry.transmittance(surface.position, dir_world);
+        let cosine = surface.cosine(dir_world);
+        match &surface.gloss {
+            None if cosine > 0.0 => surface.albedo * (cosine * passed()),
+            Some(gloss) if surface.is_above(dir_world) => {
+                let part = gloss.aimed_part(dir_world, aimed, paths);
+                let light = gloss.sent_on(surface.albedo * cosine, dir_world, part);
+                if light.max_element() > 0.0 { light * passed() } else { Vec3A::ZERO }
+            }
+            _ => Vec3A::ZERO,
+        }
+    }
+
+    /// Of the classes of strata, how many aim rays at a patch that is not wide.
+    fn usual_classes(&self, seen: &Seen) -> u32 {
+        if uniform(seen) { self.options.direct_classes } else { 4 }
+    }
+
+    fn classes(&self, patch: usize, usual: u32) -> u32 {
+        if self.patches.wide(patch) { 4 } else { usual }
+    }
+
+    /// Density (1/sr) of rays aimed at a patch from one seen surface.
+    fn first_density(&self, patch: usize, usual: u32) -> f32 {
+        0.25 * self.classes(patch, usual) as f32 / self.patches.solid_angle_sr[patch]
+    }
+
+    /// The patches of the group that begins with `group`.
+    fn group_size(&self, group: usize) -> usize {
+        (self.patches.len() - group).min(self.options.patch_group as usize)
+    }
+
+    /// Adds to `[channel][patch]` the light that paths from the seen surfaces find: `first` what comes along the lobes of
+    /// these themselves, `further` what comes by way of others.
+    fn further_light(&self, seen: &Seen, [first, further]: [&mut [f32]; 2], rng: &mut Rng) {
+        let usual = self.usual_classes(seen);
         let samples = seen.len() as u32;
         let total = samples * self.options.paths;
         let blocks = Grid::new(self.options.paths);
@@ -248,11 +285,48 @@ impl<'s> Transport<'s> {
                 let cell = (k as u32 * 5 + turn) % samples;
                 let at = [blocks.point(path, cells.point(cell, rng.jitter())), rng.square()];
                 let pick = k as u32 + 5 * path;
-                self.tracer.walk(surface, at, rng, |surface, throughput, hits, rng| {
-                    let pick = pick.wrapping_add(start.wrapping_mul(hits));
-                    self.aim(surface, throughput / total as f32, pick, indirect, rng);
+                self.tracer.walk(surface, at, rng, |step, throughput, hits, rng| {
+                    let throughput = throughput / total as f32;
+                    match step {
+                        Step::Met(surface) => {
+                            let pick = pick.wrapping_add(start.wrapping_mul(hits));
+                            self.aim(surface, throughput, pick, further, rng);
+                        }
+                        Step::Escaped { from, dir_world } if hits == 1 => {
+                            let paths = self.options.paths as f32;
+                            let aimed = |patch| self.first_density(patch, usual);
+                            self.escape(from, dir_world, throughput, (aimed, paths), first);
+                        }
+                        Step::Escaped { from, dir_world } => {
+                            let aimed = |patch| self.further_density(patch);
+                            self.escape(from, dir_world, throughput, (aimed, 1.0), further);
+                        }
+                    }
                 });
             }
+        }
+    }
+
+    /// Density (1/sr) of rays aimed at a patch from one later surface.
+    fn further_density(&self, patch: usize) -> f32 {
+        let group = self.options.patch_group as usize;
+        1.0 / (self.group_size(patch / group * group) as f32 * self.patches.solid_angle_sr[patch])
+    }
+
+    /// Adds what a path that followed the lobe of `from` finds of a patch, but for what aimed rays find of it.
+    fn escape(
+        &self,
+        from: &Surface,
+        dir_world: Vec3A,
+        throughput: Vec3A,
+        (aimed, paths): (impl Fn(usize) -> f32, f32),
+        light: &mut [f32],
+    ) {
+        let (patches, patch) = (self.patches.len(), self.patches.set.patch_of(dir_world.to_array()));
+        let Some(gloss) = from.gloss.filter(|_| patch < patches) else { return };
+        let part = 1.0 - gloss.aimed_part(dir_world, aimed(patch), paths);
+        for channel in 0..3 {
+            light[channel * patches + patch] += throughput[channel] * part;
         }
     }
 
@@ -260,24 +334,31 @@ impl<'s> Transport<'s> {
     fn aim(&self, surface: &Surface, throughput: Vec3A, pick: u32, indirect: &mut [f32], rng: &mut Rng) {
         let patches = self.patches.len();
         let value = surface.albedo * throughput * std::f32::consts::FRAC_1_PI;
-        if value.max_element() <= 0.0 {
+        if value.max_element() <= 0.0 && surface.gloss.is_none() {
             return;
         }
         for group in (0..patches).step_by(self.options.patch_group as usize) {
-            let size = (patches - group).min(self.options.patch_group as usize);
+            let size = self.group_size(group);
             let patch = group + pick.wrapping_add(crate::strata::hash(group as u32)) as usize % size;
             let at = rng.jitter();
             if self.patches.below(patch, surface.normal_flat) {
                 continue;
             }
             let direction = self.patches.direction(patch, at);
-            let cosine = surface.cosine(direction);
-            if cosine > 0.0 {
-                let passed = self.tracer.geometry.transmittance(surface.position, direction);
-                let light = value * (passed * cosine * self.patches.solid_angle_sr[patch] * size as f32);
-                for channel in 0..3 {
-                    indirect[channel * patches + patch] += light[channel];
+            let weight = self.patches.solid_angle_sr[patch] * size as f32;
+            let light = if surface.gloss.is_none() {
+                let cosine = surface.cosine(direction);
+                if cosine <= 0.0 {
+                    continue;
                 }
+                let passed = self.tracer.geometry.transmittance(surface.position, direction);
+                value * (passed * cosine * self.patches.solid_angle_sr[patch] * size as f32)
+            } else {
+                let sent_on = self.sent_on(surface, direction, 1.0 / weight, 1.0);
+                throughput * sent_on * (weight * std::f32::consts::FRAC_1_PI)
+            };
+            for channel in 0..3 {
+                indirect[channel * patches + patch] += light[channel];
             }
         }
     }
@@ -287,9 +368,13 @@ impl<'s> Transport<'s> {
 fn uniform(seen: &Seen) -> bool {
     let Some(Some(first)) = seen.first() else { return false };
     seen.iter().all(|surface| {
-        surface.is_some_and(|s| s.normal.dot(first.normal) > 0.98 && (s.albedo - first.albedo).length() < 0.05)
+        surface.is_some_and(|s| {
+            s.normal.dot(first.normal) > 0.98 && (s.reflectance() - first.reflectance()).length() < 0.05
+        })
     })
 }
 
+#[cfg(test)]
+pub(crate) mod glossy_tests;
 #[cfg(test)]
 pub(crate) mod tests;

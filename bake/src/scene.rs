@@ -1,11 +1,17 @@
-//! The scene: triangles in world space with their base colour, read from a glTF 2.0 file.
+//! The scene: triangles in world space with their materials, read from a glTF 2.0 file.
+
+mod materials;
+mod tangents;
 
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DMat4, DVec3, Vec2, Vec3};
+use glam::{DMat3, DMat4, DVec3, Vec2, Vec3, Vec4};
 
 use crate::gltf_file::GltfFile;
+pub use crate::material::{Alpha, Material, Shading};
+use crate::normalmap::NormalMap;
 use crate::texture::{Texture, UvTransform};
+use materials::{UvUse, UvUses};
 
 /// Why a scene file cannot be used. Every message names the file, what is at fault, and what to do.
 #[derive(Debug, thiserror::Error)]
@@ -64,34 +70,6 @@ pub enum SceneError {
     },
 }
 
-/// How a material treats alpha (its base colour's alpha times its texture's).
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub enum Alpha {
-    /// Alpha is ignored.
-    #[default]
-    Opaque,
-    /// Nothing is there where alpha is below `cutoff`.
-    Mask {
-        /// Alpha from which the surface is there.
-        cutoff: f32,
-    },
-    /// Alpha is the share of light that meets the surface.
-    Blend,
-}
-
-/// A Lambert material, the same on both sides.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Material {
-    /// Its name in the file.
-    pub name: String,
-    /// Linear RGB reflectance and alpha, each 0..1; multiplies the texture.
-    pub base_color: [f32; 4],
-    /// Index into [`Scene::textures`].
-    pub texture: Option<u32>,
-    /// How alpha is treated.
-    pub alpha: Alpha,
-}
-
 /// A triangle in world space, metres; counter-clockwise seen from its front.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triangle {
@@ -112,17 +90,54 @@ pub struct Scene {
     pub triangles: Vec<Triangle>,
     /// Materials.
     pub materials: Vec<Material>,
-    /// Base-colour textures.
+    /// Base colours, metallic and roughness.
     pub textures: Vec<Texture>,
+    /// Normal maps.
+    pub normal_maps: Vec<NormalMap>,
+    /// Per triangle what its finish's textures need; empty if no material has any.
+    pub details: Vec<Detail>,
+    /// Which part of the materials is used.
+    pub shading: Shading,
 }
 
-/// Reads a `.glb` or `.gltf` file: the default scene, else the first, else every node.
+/// What the textures of a triangle's finish need beside its own coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Detail {
+    /// Texture coordinates of metallic and roughness at the corners, the texture transform applied.
+    pub finish_uvs: [Vec2; 3],
+    /// Texture coordinates of the normal map at the corners, likewise.
+    pub normal_uvs: [Vec2; 3],
+    /// Tangents at the corners, world space; w tells the bitangent's side as in glTF.
+    pub tangents: [Vec4; 3],
+}
+
+impl Scene {
+    /// The scene under another shading.
+    pub fn shaded(mut self, shading: Shading) -> Self {
+        self.shading = shading;
+        if shading == Shading::Gltf {
+            self.textures.iter_mut().for_each(Texture::make_mipmaps);
+        }
+        self
+    }
+}
+
+/// A scene and what of its file is left out, in words.
+#[derive(Clone, Debug, Default)]
+pub struct Loaded {
+    /// The scene.
+    pub scene: Scene,
+    /// One line each.
+    pub notices: Vec<String>,
+}
+
+/// Reads a `.glb` or `.gltf` file for a shading: the default scene, else the first, else every node.
 ///
 /// # Errors
 /// [`SceneError`], see its variants.
-pub fn load(path: &Path) -> Result<Scene, SceneError> {
+pub fn load(path: &Path, shading: Shading) -> Result<Loaded, SceneError> {
     let file = GltfFile::open(path)?;
-    let mut loader = Loader { file: &file, scene: Scene::default(), transforms: Vec::new() };
+    let mut loader = Loader { file: &file, shading, scene: Scene::default(), uses: Vec::new(), notices: Vec::new() };
     loader.materials()?;
     let document = &file.document;
     let roots: Vec<gltf::Node> = match document.default_scene().or_else(|| document.scenes().next()) {
@@ -135,66 +150,19 @@ pub fn load(path: &Path) -> Result<Scene, SceneError> {
     if loader.scene.triangles.is_empty() {
         return Err(SceneError::NoTriangles { file: path.to_owned() });
     }
-    Ok(loader.scene)
-}
-
-/// Which texture coordinates a material uses, and how.
-#[derive(Clone, Copy, Default)]
-struct UvUse {
-    set: u32,
-    transform: UvTransform,
+    Ok(Loaded { scene: loader.scene.shaded(shading), notices: loader.notices })
 }
 
 struct Loader<'f> {
     file: &'f GltfFile,
+    shading: Shading,
     scene: Scene,
     /// Per material.
-    transforms: Vec<UvUse>,
+    uses: Vec<UvUses>,
+    notices: Vec<String>,
 }
 
 impl Loader<'_> {
-    fn materials(&mut self) -> Result<(), SceneError> {
-        let mut textures = std::collections::BTreeMap::new();
-        for material in self.file.document.materials() {
-            let pbr = material.pbr_metallic_roughness();
-            let mut uv_use = UvUse::default();
-            let mut texture = None;
-            if let Some(info) = pbr.base_color_texture() {
-                uv_use.set = info.tex_coord();
-                if let Some(transform) = info.texture_transform() {
-                    uv_use.set = transform.tex_coord().unwrap_or(uv_use.set);
-                    uv_use.transform = UvTransform {
-                        offset: transform.offset().into(),
-                        rotation: transform.rotation(),
-                        scale: transform.scale().into(),
-                    };
-                }
-                let index = info.texture().index();
-                if let std::collections::btree_map::Entry::Vacant(entry) = textures.entry(index) {
-                    entry.insert(self.scene.textures.len() as u32);
-                    self.scene.textures.push(self.file.texture(&info.texture())?);
-                }
-                texture = textures.get(&index).copied();
-            }
-            self.scene.materials.push(Material {
-                name: material.name().unwrap_or("").to_owned(),
-                base_color: pbr.base_color_factor().map(|v| if v.is_finite() { v.clamp(0.0, 1.0) } else { 1.0 }),
-                texture,
-                alpha: match material.alpha_mode() {
-                    gltf::material::AlphaMode::Opaque => Alpha::Opaque,
-                    gltf::material::AlphaMode::Mask => Alpha::Mask { cutoff: material.alpha_cutoff().unwrap_or(0.5) },
-                    gltf::material::AlphaMode::Blend => Alpha::Blend,
-                },
-            });
-            self.transforms.push(uv_use);
-        }
-        // glTF's default material, for primitives that name none.
-        let base_color = [1.0; 4];
-        self.scene.materials.push(Material { name: "default".into(), base_color, texture: None, alpha: Alpha::Opaque });
-        self.transforms.push(UvUse::default());
-        Ok(())
-    }
-
     fn node(&mut self, node: &gltf::Node, parent: DMat4, depth: usize) -> Result<(), SceneError> {
         // A tree cannot be deeper than it has nodes: deeper is a cycle, which would recurse for ever.
         if depth > self.file.document.nodes().len().min(512) {
@@ -223,20 +191,59 @@ impl Loader<'_> {
         let Some(positions) = self.attribute::<3>(primitive, &gltf::Semantic::Positions, place)? else {
             return Ok(());
         };
+        if primitive.get(&gltf::Semantic::Colors(0)).is_some() {
+            self.notices.push(format!("{place}: vertex colours are ignored; bake them into a picture"));
+        }
         let normals = self.attribute::<3>(primitive, &gltf::Semantic::Normals, place)?;
         let material = primitive.material().index().unwrap_or(self.scene.materials.len() - 1);
-        let uv_use = self.transforms.get(material).copied().unwrap_or_default();
-        let uvs = self.attribute::<2>(primitive, &gltf::Semantic::TexCoords(uv_use.set), place)?;
+        let uses = self.uses.get(material).copied().unwrap_or_default();
+        let uvs = self.coordinates(primitive, Some(uses.base), place)?;
         let corners = self.corners(primitive, positions.len(), place)?;
-        let mesh = PlacedMesh::new(&positions, normals.as_deref(), uvs.as_deref(), to_world, uv_use.transform);
+        let mesh = PlacedMesh::new(&positions, normals.as_deref(), uvs.as_deref(), to_world, uses.base.transform);
+        let detailing = self.detailing(primitive, uses, normals.is_some(), place)?;
         for corner in corners {
-            match mesh.triangle(corner, material as u32) {
-                Ok(Some(triangle)) => self.scene.triangles.push(triangle),
-                Ok(None) => {}
+            let triangle = match mesh.triangle(corner, material as u32) {
+                Ok(Some(triangle)) => triangle,
+                Ok(None) => continue,
                 Err(NotFinite) => return Err(SceneError::Vertex { file: self.file.path.clone(), place: place.into() }),
+            };
+            if let Some(detailing) = &detailing {
+                self.scene.details.resize(self.scene.triangles.len(), Detail::default());
+                self.scene.details.push(detailing.of(&mesh, &triangle, corner));
             }
+            self.scene.triangles.push(triangle);
         }
         Ok(())
+    }
+
+    /// What the finish's textures of a primitive need, if its material has any.
+    fn detailing(
+        &self,
+        primitive: &gltf::Primitive,
+        uses: UvUses,
+        has_normals: bool,
+        place: &str,
+    ) -> Result<Option<Detailing>, SceneError> {
+        if uses.finish.is_none() && uses.normal.is_none() {
+            return Ok(None);
+        }
+        let tangents = match uses.normal {
+            Some(_) if has_normals => self.attribute::<4>(primitive, &gltf::Semantic::Tangents, place)?,
+            _ => None,
+        };
+        let finish_uvs = self.coordinates(primitive, uses.finish, place)?;
+        let normal_uvs = self.coordinates(primitive, uses.normal, place)?;
+        Ok(Some(Detailing { uses, finish_uvs, normal_uvs, tangents }))
+    }
+
+    fn coordinates(
+        &self,
+        primitive: &gltf::Primitive,
+        wanted: Option<UvUse>,
+        place: &str,
+    ) -> Result<Option<Vec<[f64; 2]>>, SceneError> {
+        let Some(wanted) = wanted else { return Ok(None) };
+        self.attribute::<2>(primitive, &gltf::Semantic::TexCoords(wanted.set), place)
     }
 
     fn attribute<const N: usize>(
@@ -282,6 +289,28 @@ impl Loader<'_> {
     }
 }
 
+/// Attributes of one primitive for its finish's textures.
+struct Detailing {
+    uses: UvUses,
+    finish_uvs: Option<Vec<[f64; 2]>>,
+    normal_uvs: Option<Vec<[f64; 2]>>,
+    tangents: Option<Vec<[f64; 4]>>,
+}
+
+impl Detailing {
+    fn of(&self, mesh: &PlacedMesh<'_>, triangle: &Triangle, corner: [usize; 3]) -> Detail {
+        let normal_uvs = mesh.uvs(self.normal_uvs.as_deref(), corner, self.uses.normal);
+        Detail {
+            finish_uvs: mesh.uvs(self.finish_uvs.as_deref(), corner, self.uses.finish),
+            normal_uvs,
+            tangents: match &self.tangents {
+                Some(own) => mesh.tangents(own, corner),
+                None => tangents::of(triangle, normal_uvs),
+            },
+        }
+    }
+}
+
 /// A vertex position is NaN or infinite.
 struct NotFinite;
 
@@ -313,11 +342,33 @@ impl<'m> PlacedMesh<'m> {
         PlacedMesh { positions, normals, uvs, to_world, normal_to_world, mirrored, uv_transform }
     }
 
+    /// The corners in the order that keeps fronts in front.
+    fn in_order(&self, [a, b, c]: [usize; 3]) -> [usize; 3] {
+        if self.mirrored { [a, c, b] } else { [a, b, c] }
+    }
+
+    /// Coordinates of a triangle's corners in a texture.
+    fn uvs(&self, uvs: Option<&[[f64; 2]]>, corner: [usize; 3], used: Option<UvUse>) -> [Vec2; 3] {
+        let transform = used.unwrap_or_default().transform;
+        self.in_order(corner).map(|c| {
+            let uv = uvs.and_then(|u| u.get(c)).map_or(Vec2::ZERO, |&[u, v]| Vec2::new(u as f32, v as f32));
+            transform.apply(uv)
+        })
+    }
+
+    /// The file's tangents of a triangle's corners. A mirror turns the bitangent round.
+    fn tangents(&self, tangents: &[[f64; 4]], corner: [usize; 3]) -> [Vec4; 3] {
+        let linear = DMat3::from_mat4(self.to_world);
+        self.in_order(corner).map(|c| {
+            let [x, y, z, w] = tangents.get(c).copied().unwrap_or_default();
+            let side = if (w < 0.0) != self.mirrored { -1.0 } else { 1.0 };
+            (linear * DVec3::new(x, y, z)).normalize_or_zero().as_vec3().extend(side)
+        })
+    }
+
     /// The triangle in world space; `None` when it has no area.
-    fn triangle(&self, mut corner: [usize; 3], material: u32) -> Result<Option<Triangle>, NotFinite> {
-        if self.mirrored {
-            corner.swap(1, 2);
-        }
+    fn triangle(&self, corner: [usize; 3], material: u32) -> Result<Option<Triangle>, NotFinite> {
+        let corner = self.in_order(corner);
         let world = corner.map(|c| self.to_world.transform_point3(DVec3::from(self.positions[c])).as_vec3());
         if !world.iter().all(|p| p.is_finite() && p.abs().max_element() < 1e12) {
             return Err(NotFinite);

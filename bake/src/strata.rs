@@ -101,6 +101,7 @@ struct Rectangle {
 /// The patches of a set, prepared for fast sampling, in the set's order.
 #[derive(Clone, Debug)]
 pub(crate) struct PatchTable {
+    pub(crate) set: PatchSet,
     rectangles: Vec<Rectangle>,
     /// Centre and the sine of the largest angle to it: a patch is wholly below a plane when
     /// `normal . centre < -sine`.
@@ -112,6 +113,7 @@ impl PatchTable {
     pub(crate) fn new(set: &PatchSet) -> Self {
         let patches = 0..set.len();
         PatchTable {
+            set: *set,
             rectangles: patches.clone().map(|patch| rectangle(set, patch)).collect(),
             cones: patches.clone().map(|patch| cone(set, patch)).collect(),
             solid_angle_sr: patches.map(|patch| set.solid_angle_sr(patch)).collect(),

@@ -68,16 +68,31 @@ impl Transport<'_> {
         sum / (SUN_RAYS * seen.len() as u32) as f32
     }
 
-    /// The radiance that `surface` sends on of irradiance 1 along `dir_world`.
-    pub(crate) fn sunlit(&self, surface: &Surface, dir_world: Vec3A) -> Vec3A {
+    /// The radiance that the seen `surface` sends to the eye of irradiance 1 along `dir_world`.
+    fn sunlit(&self, surface: &Surface, dir_world: Vec3A) -> Vec3A {
+        let Some(gloss) = surface.gloss.filter(|_| surface.is_above(dir_world)) else {
+            return self.passed_on(surface, dir_world);
+        };
+        let light = gloss.sent_on(surface.albedo * surface.cosine(dir_world), dir_world, 1.0);
+        if light.max_element() <= 0.0 {
+            return Vec3A::ZERO;
+        }
+        light * (self.tracer.geometry.transmittance(surface.position, dir_world) * std::f32::consts::FRAC_1_PI)
+    }
+
+    /// The radiance that a `surface` on the way passes on of irradiance 1 along `dir_world`, to all sides alike: as the bounce
+    /// points do, which know nothing of lobes but how much they reflect in all.
+    pub(crate) fn passed_on(&self, surface: &Surface, dir_world: Vec3A) -> Vec3A {
         let cosine = surface.cosine(dir_world);
         if cosine <= 0.0 {
             return Vec3A::ZERO;
         }
         let passed = self.tracer.geometry.transmittance(surface.position, dir_world);
-        surface.albedo * (cosine * passed * std::f32::consts::FRAC_1_PI)
+        surface.reflectance() * (cosine * passed * std::f32::consts::FRAC_1_PI)
     }
 }
 
+#[cfg(test)]
+mod glossy_tests;
 #[cfg(test)]
 mod tests;

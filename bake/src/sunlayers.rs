@@ -9,6 +9,7 @@ use obvhs::BvhBuildParams;
 use obvhs::bvh2::{Bvh2, builder::build_bvh2_from_tris};
 use obvhs::triangle::Triangle;
 use relume_firmware::casters::{CASTER, NODE};
+use relume_firmware::gloss::{Gloss, Lobe};
 use relume_firmware::sunlight::FRAGMENT;
 
 /// Casters per leaf at most; the layout has 4 bits for it.
@@ -80,6 +81,19 @@ impl CasterLayers {
         }
         block
     }
+}
+
+/// What does not gleam.
+const DULL: Gloss =
+    Gloss { bend: [0.0; 3], lobe: Lobe { alpha: 1.0, f0: [0.0; 3], f90: 0.0, coat_f0: 0.0, coat_f90: 0.0 } };
+
+/// A tile's records of GLSS, one per fragment of its block of FRAG; none if nothing gleams.
+pub fn gloss_records(pixels: &[Vec<Fragment>]) -> Vec<u8> {
+    let fragments = || pixels.iter().flat_map(|own| own.iter().take(255));
+    if fragments().all(|fragment| fragment.gloss.is_none()) {
+        return Vec::new();
+    }
+    fragments().flat_map(|fragment| fragment.gloss.unwrap_or(DULL).encode()).collect()
 }
 
 fn opacity_code(opacity: f32) -> u8 {

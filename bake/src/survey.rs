@@ -4,7 +4,7 @@
 //! rules of thumb: each notice says what was found, so that whoever meant it can go on.
 
 use crate::camera::{Camera, CameraView};
-use crate::geometry::{Geometry, Hit, Surface, may_let_light_through};
+use crate::geometry::{Cone, Geometry, Hit, Surface, may_let_light_through};
 use crate::scene::Scene;
 use crate::strata::{Grid, hash};
 use glam::{Vec2, Vec3A};
@@ -34,6 +34,7 @@ struct Look {
     hit: Hit,
     surface: Surface,
     material: u32,
+    base_color: Vec3A,
 }
 
 /// Looks at `scene` as the camera sees it.
@@ -50,7 +51,14 @@ pub fn survey(scene: &Scene, camera: &Camera, size: (u32, u32)) -> Vec<Notice> {
             continue;
         }
         let name = name_of(scene, material);
-        notices.extend(too_white(&name, &seen));
+        // Silver does reflect nearly all.
+        if !scene
+            .materials
+            .get(material as usize)
+            .is_some_and(|m| m.finish.metallic > 0.5 && m.finish.texture.is_none())
+        {
+            notices.extend(too_white(&name, &seen));
+        }
         notices.extend(turned(scene, &name, &seen));
         // Leaves, grilles and panes are meant to be sheets.
         if !scene.materials.get(material as usize).is_some_and(|m| may_let_light_through(scene, m)) {
@@ -70,7 +78,12 @@ fn looks(scene: &Scene, geometry: &Geometry<'_>, view: &CameraView, size: (u32, 
         let direction = view.direction(at.x, at.y).into();
         let hit = geometry.closest(origin, direction, cell)?;
         let material = scene.triangles.get(hit.triangle as usize)?.material;
-        Some(Look { surface: geometry.surface(&hit, direction), hit, material })
+        Some(Look {
+            surface: geometry.surface(&hit, direction, Cone::default()),
+            base_color: geometry.base_color(&hit),
+            hit,
+            material,
+        })
     };
     (0..SIDE * SIDE).filter_map(look).collect()
 }
@@ -114,7 +127,7 @@ fn underground(geometry: &Geometry<'_>, view: &CameraView) -> Option<Notice> {
 }
 
 fn too_white(name: &str, seen: &[&Look]) -> Option<Notice> {
-    let mean = seen.iter().map(|look| look.surface.albedo).sum::<Vec3A>() / seen.len() as f32;
+    let mean = seen.iter().map(|look| look.base_color).sum::<Vec3A>() / seen.len() as f32;
     let most = mean.max_element();
     (most > WHITEST).then(|| {
         format!(

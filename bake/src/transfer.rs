@@ -6,6 +6,7 @@ mod block;
 use glam::Vec3A;
 
 use crate::bouncepoints::{BouncePoints, Vertex};
+use crate::path::Step;
 use crate::response::{TileResponse, Transport};
 use crate::sobol::two_squares;
 use crate::strata::Rng;
@@ -59,9 +60,10 @@ impl Transport<'_> {
             let Some(surface) = surface else { continue };
             for path in 0..paths {
                 let at = two_squares(s as u32 * paths + path, seed);
-                self.tracer.walk(surface, at, &mut rng, |surface, throughput, _, _| {
+                self.tracer.walk(surface, at, &mut rng, |step, throughput, _, _| {
+                    let Step::Met(surface) = step else { return };
                     let leaf = points.nearest(&Vertex::of(surface, 1.0));
-                    let light = throughput * surface.albedo * (std::f32::consts::FRAC_1_PI / count);
+                    let light = throughput * surface.reflectance() * (std::f32::consts::FRAC_1_PI / count);
                     let weight = light.element_sum() / 3.0;
                     leaves.push((leaf, weight));
                     total += weight;
@@ -70,7 +72,7 @@ impl Transport<'_> {
                     rgb += light * under_suns;
                     by_points += points.tint(leaf) * (weight * under_suns);
                     if let Some(sun) = sun {
-                        by_sun += throughput * self.sunlit(surface, sun.direction(sun_rng.jitter()));
+                        by_sun += throughput * self.passed_on(surface, sun.direction(sun_rng.jitter()));
                     }
                 });
             }

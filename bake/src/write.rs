@@ -2,6 +2,7 @@
 
 use crate::encode::TileBytes;
 use relume_firmware::field::{HEADER, Header, LAYER_ALIGN, LAYER_CRITICAL, LAYER_ENTRY, Layer, LayerKind};
+use relume_firmware::gloss::GLOSS;
 use relume_firmware::glue::outfile::{OutError, write_whole};
 use relume_firmware::patches::Listed;
 use relume_firmware::tile::{ALL_WHOLE, BLOCK_TILES, PLACE_UNIT};
@@ -52,6 +53,8 @@ pub struct FieldWriter {
     bounce: Vec<u8>,
     blocks: Vec<u8>,
     fragments: Vec<u8>,
+    gloss_places: Vec<u8>,
+    gloss: Vec<u8>,
     way_places: Vec<u8>,
     way_blocks: Vec<u8>,
     bound_basis: Vec<u8>,
@@ -70,6 +73,8 @@ pub struct FieldTile {
     pub coverage: Vec<u8>,
     /// The tile's block of FRAG.
     pub fragments: Vec<u8>,
+    /// The tile's records of GLSS, empty if nothing gleams.
+    pub gloss: Vec<u8>,
     /// The tile's block of WAYD, empty if it has none.
     pub way_back: Vec<u8>,
     /// Column and row of the tile.
@@ -88,6 +93,8 @@ impl FieldWriter {
         self.bounce.extend_from_slice(&tile.bounce);
         self.blocks.extend_from_slice(&((self.fragments.len() / 4) as u32).to_le_bytes());
         self.fragments.extend_from_slice(&tile.fragments);
+        self.gloss_places.extend_from_slice(&((self.gloss.len() / GLOSS) as u32).to_le_bytes());
+        self.gloss.extend_from_slice(&tile.gloss);
         let place = if tile.way_back.is_empty() { NO_WAY } else { append(&mut self.way_blocks, &tile.way_back) };
         self.way_places.extend_from_slice(&place.to_le_bytes());
     }
@@ -142,6 +149,11 @@ impl FieldWriter {
             (*b"BTIL", LAYER_CRITICAL, self.bounce_places),
             (*b"BNCE", LAYER_CRITICAL, self.bounce),
         ];
+        if !self.gloss.is_empty() {
+            self.gloss_places.extend_from_slice(&((self.gloss.len() / GLOSS) as u32).to_le_bytes());
+            layers.push((*b"GLST", LAYER_CRITICAL, self.gloss_places));
+            layers.push((*b"GLSS", LAYER_CRITICAL, self.gloss));
+        }
         if let Some(list) = header.patches.listed() {
             layers.push((*b"DIRS", LAYER_CRITICAL, directions(list)));
         }

@@ -2,6 +2,7 @@
 
 use crate::casters::{Beam, Caster, Casters, Passage, Suspects};
 use crate::field::CameraRecord;
+use crate::gloss::{GLOSS, Gloss, reflecting_normal};
 use crate::header::{u16_at, u32_at};
 use crate::pixelpoints::{PIXEL_POINTS, pixel_point};
 use crate::sunlight::FRAGMENT;
@@ -181,6 +182,83 @@ impl Facet {
     }
 }
 
+/// Lobes of this alpha and wider change little over the disc: half vectors turn by less than a twentieth of their width.
+const EVEN: f32 = 0.05;
+
+/// What one point of a glossy fragment sends to the eye.
+#[derive(Clone, Copy)]
+struct Gleam<'g> {
+    gloss: &'g Gloss,
+    /// To the eye, unit.
+    view: Vec3,
+    /// Shading normal of the diffuse base.
+    normal: Vec3,
+    /// Normal of the microfacets.
+    facing: Vec3,
+}
+
+impl Gleam<'_> {
+    fn is_lit(&self, light: Vec3) -> bool {
+        dot(self.normal, light) > 0.0 || dot(self.facing, light) > 0.0
+    }
+
+    /// Cosine times the share that the diffuse base gets, and the reflection times cosine, of light from `light`.
+    fn of(&self, light: Vec3) -> (f32, Vec3) {
+        let reflected = self.gloss.lobe.reflected(self.facing, self.view, light);
+        let cosine = |normal: Vec3| dot(normal, light).max(0.0);
+        (reflected.base * cosine(self.normal), mul(reflected.specular, cosine(self.facing)))
+    }
+}
+
+impl Facet {
+    fn gleam<'g>(&self, k: usize, gloss: &'g Gloss, eye: Vec3) -> Gleam<'g> {
+        let smooth = self.normals[k];
+        let normal = if gloss.bend == [0.0; 3] { smooth } else { unit(add(smooth, gloss.bend)) };
+        let view = unit(sub(eye, self.points[k]));
+        Gleam { gloss, view, normal, facing: reflecting_normal(view, self.plane, normal) }
+    }
+
+    /// Means over the points of [`Gleam::of`] times the visible share of the disc.
+    fn lit_glossy(
+        &self,
+        casters: &Casters<'_>,
+        disc: &SunDisc,
+        suspects: &mut Suspects,
+        (gloss, eye): (&Gloss, Vec3),
+    ) -> (f32, Vec3) {
+        let (mut base, mut specular) = (0.0, [0.0; 3]);
+        let height = dot(self.plane, disc.axis);
+        if self.count == 0 || height <= -disc.slope {
+            return (base, specular);
+        }
+        let passage = casters.beam(&self.beam(disc), suspects);
+        if passage == Passage::Blocked {
+            return (base, specular);
+        }
+        let even = passage == Passage::Free && gloss.lobe.alpha >= EVEN && height > disc.slope;
+        let mut take = |gleam: &Gleam<'_>, light: Vec3, share: f32| {
+            let (through, off) = gleam.of(light);
+            base += through * share;
+            specular = add(specular, mul(off, share));
+        };
+        for k in 0..self.count {
+            let gleam = self.gleam(k, gloss, eye);
+            if even {
+                take(&gleam, disc.axis, SHARE as f32);
+                continue;
+            }
+            let above = |light: &&Vec3| dot(self.plane, **light) > 0.0 && gleam.is_lit(**light);
+            for &light in disc.share(usize::from(self.strata[k])).iter().filter(above) {
+                let parted = passage == Passage::Parted;
+                let seen = if parted { casters.transmittance_past(suspects, self.points[k], light) } else { 1.0 };
+                take(&gleam, light, seen);
+            }
+        }
+        let all = 1.0 / (self.count * SHARE) as f32;
+        (base * all, mul(specular, all))
+    }
+}
+
 /// The shading normal where `at` lies in a triangle with the normal `across` (its length twice the area).
 fn normal_at(at: Vec3, [v0, v1, v2]: &[Vec3; 3], normals: &[Vec3; 3], across: Vec3) -> Vec3 {
     let area2 = dot(across, across);
@@ -206,6 +284,31 @@ pub(crate) fn direct_pixel(
         let mean = facet.lit(casters, disc, &mut suspects) * core::f32::consts::FRAC_1_PI;
         for (c, value) in rgb.iter_mut().enumerate() {
             *value += f32::from(u16_at(fragment, 6 + 2 * c)) / 32768.0 * mean;
+        }
+    }
+    rgb
+}
+
+/// [`direct_pixel`] for fragments that gleam: each with its record of GLSS.
+pub(crate) fn glossy_pixel(
+    casters: &Casters<'_>,
+    (fragments, lobes): (&[u8], &[u8]),
+    rays: &ViewRays,
+    disc: &SunDisc,
+    pixel: (usize, usize),
+) -> Vec3 {
+    let mut rgb = [0.0f32; 3];
+    let mut suspects = Suspects::NONE;
+    let lift_scene = casters.diagonal() * LIFT_SCENE;
+    for (fragment, record) in fragments.chunks_exact(FRAGMENT).zip(lobes.chunks_exact(GLOSS)) {
+        let (caster, strata) = (casters.get(u32_at(fragment, 0)), u16_at(fragment, 4));
+        let facet = Facet::new(&caster, strata, rays, pixel, lift_scene);
+        let gloss = Gloss::decode(record);
+        let (base, specular) = facet.lit_glossy(casters, disc, &mut suspects, (&gloss, rays.origin));
+        let share = strata.count_ones() as f32 / PIXEL_POINTS as f32;
+        for (c, value) in rgb.iter_mut().enumerate() {
+            let albedo = f32::from(u16_at(fragment, 6 + 2 * c)) / 32768.0;
+            *value += albedo * base * core::f32::consts::FRAC_1_PI + share * specular[c];
         }
     }
     rgb

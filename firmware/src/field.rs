@@ -30,7 +30,8 @@
 //!   TILE RESU RESV ROWS   the response: a tile set (below)
 //!   COVR                  coverage, u8 per covered pixel, 255 = whole; slots of whole tiles may be left out
 //!   CAST CBVH FRGT FRAG   direct sunlight: surfaces, their bounding volumes (casters.rs), and what each pixel sees
-//!                         (sunlight.rs); like the next, read only when the sun moves
+//!                         (sunlight.rs); like the next two, read only when the sun moves
+//!   GLST GLSS             how what each pixel sees gleams in the sun (gloss.rs); left out by a Lambert field
 //!   BPNT BTIL BNCE        indirect sunlight: points where the sun is looked for, and what tiles receive (bounce.rs)
 //!   BNDB BNDT             constants of the error bound (bound.rs); may be left out
 //!   DIRS                  directions of the patches, where they are listed (patches/listed.rs)
@@ -83,9 +84,9 @@ pub const MAX_LAYERS: u32 = 256;
 pub type LayerKind = [u8; 4];
 
 /// Kinds that this version reads.
-pub const KNOWN_LAYERS: [LayerKind; 18] = [
+pub const KNOWN_LAYERS: [LayerKind; 20] = [
     *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"CAST", *b"CBVH", *b"FRGT", *b"FRAG", *b"BPNT", *b"BTIL",
-    *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD", *b"DIRS",
+    *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD", *b"DIRS", *b"GLST", *b"GLSS",
 ];
 
 /// What is wrong with a field; each message says what to do.
@@ -193,8 +194,12 @@ impl<'a> Field<'a> {
         if response.covered() != header.covered as usize {
             return Err(FieldError::Invalid("count of covered pixels"));
         }
-        let sun_surfaces =
-            SunSurfaces::check([layer(*b"CAST")?, layer(*b"CBVH")?, layer(*b"FRGT")?, layer(*b"FRAG")?], &response)?;
+        let gloss = match find_layer(bytes, *b"GLST") {
+            Some(places) => Some([places, layer(*b"GLSS")?]),
+            None => None,
+        };
+        let surfaces = [layer(*b"CAST")?, layer(*b"CBVH")?, layer(*b"FRGT")?, layer(*b"FRAG")?];
+        let sun_surfaces = SunSurfaces::check(surfaces, gloss, &response)?;
         let bounce = Bounce::check([layer(*b"BPNT")?, layer(*b"BTIL")?, layer(*b"BNCE")?], &response)?;
         let way_back = match (find_layer(bytes, *b"WAYT"), find_layer(bytes, *b"WAYD")) {
             (Some(places), Some(blocks)) => WayBack::check(places, blocks, &response)?,

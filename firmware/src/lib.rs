@@ -14,6 +14,7 @@ pub mod direct;
 pub mod drawn;
 pub mod edge;
 pub mod field;
+pub mod gloss;
 #[cfg(feature = "std")]
 pub mod glue;
 mod header;

@@ -6,12 +6,14 @@
 //! FRAG  per tile: u8 fragments of each covered pixel, filled up to a multiple of 4; then 12 bytes per fragment
 //!    0 u32 caster   4 u16 strata: bit s is set where point s of the pixel (pixelpoints.rs) sees the caster
 //!    6 u16[3] albedo times share of the pixel, in 1/32768
+//! GLST GLSS  what of it gleams (gloss.rs); may be left out
 //! ```
 
 use crate::bounce::Rgb;
 use crate::casters::Casters;
-use crate::direct::{SunDisc, ViewRays, direct_pixel};
+use crate::direct::{SunDisc, ViewRays, direct_pixel, glossy_pixel};
 use crate::field::{Field, FieldError};
+use crate::gloss::{GLOSS, GlossLayer};
 use crate::header::u32_at;
 use crate::tile::{TILE_PIXELS, TILE_PX, TileSet, padded};
 use crate::vector::Vec3;
@@ -25,19 +27,25 @@ pub struct SunSurfaces<'a> {
     casters: Casters<'a>,
     blocks: &'a [u8],
     fragments: &'a [u8],
+    gloss: Option<GlossLayer<'a>>,
 }
 
 impl<'a> SunSurfaces<'a> {
     pub(crate) fn check(
         [casters, nodes, blocks, fragments]: [&'a [u8]; 4],
+        gloss: Option<[&'a [u8]; 2]>,
         response: &TileSet<'_>,
     ) -> Result<Self, FieldError> {
-        let surfaces = SunSurfaces { casters: Casters::check(casters, nodes)?, blocks, fragments };
+        let mut surfaces = SunSurfaces { casters: Casters::check(casters, nodes)?, blocks, fragments, gloss: None };
         if blocks.len() != (response.tiles() + 1) * 4 {
             return Err(FieldError::Invalid("length of a sunlight layer"));
         }
         for tile in 0..response.tiles() {
             surfaces.check_block(tile, response.tile(tile).pixels())?;
+        }
+        if let Some([places, records]) = gloss {
+            let count = |tile: usize| surfaces.fragments(tile, response.tile(tile).pixels()).1.len() / FRAGMENT;
+            surfaces.gloss = Some(GlossLayer::check(places, records, response.tiles(), count)?);
         }
         Ok(surfaces)
     }
@@ -57,6 +65,11 @@ impl<'a> SunSurfaces<'a> {
     /// What throws the shadows.
     pub fn casters(&self) -> Casters<'a> {
         self.casters
+    }
+
+    /// Does any surface gleam in the sun?
+    pub fn is_glossy(&self) -> bool {
+        self.gloss.is_some()
     }
 
     fn fragments(&self, tile: usize, pixels: usize) -> (&'a [u8], &'a [u8]) {
@@ -102,11 +115,19 @@ impl SunLight {
         field.bounce().tile(tile, mask.pixels(), means, &mut indirect);
         let surfaces = field.sun_surfaces();
         let (counts, mut fragments) = surfaces.fragments(tile, mask.pixels());
+        let mut gloss = surfaces.gloss.map(|layer| layer.tile(tile));
         for (k, pixel) in mask.covered().enumerate() {
             let (own, rest) = fragments.split_at(usize::from(counts[k]) * FRAGMENT);
             fragments = rest;
             let at = (x0 + pixel % TILE_PX, y0 + pixel / TILE_PX);
-            let direct = direct_pixel(&surfaces.casters, own, &self.rays, &self.disc, at);
+            let direct = match &mut gloss {
+                None => direct_pixel(&surfaces.casters, own, &self.rays, &self.disc, at),
+                Some(records) => {
+                    let (lobes, rest) = records.split_at(usize::from(counts[k]) * GLOSS);
+                    *records = rest;
+                    glossy_pixel(&surfaces.casters, (own, lobes), &self.rays, &self.disc, at)
+                }
+            };
             for c in 0..3 {
                 slot[c * n + k] = libm::rintf((direct[c] + indirect[c][k]) * 32768.0).min(65535.0) as u16;
             }

@@ -8,20 +8,67 @@ use std::path::{Path, PathBuf};
 pub struct Mesh {
     /// Corners, metres.
     pub positions: Vec<[f32; 3]>,
+    /// Unit shading normals, one per corner; none: every triangle is flat.
+    pub normals: Vec<[f32; 3]>,
     /// Texture coordinates, one per corner; used with `textured`.
     pub uvs: Vec<[f32; 2]>,
     /// Three per triangle.
     pub indices: Vec<u32>,
     /// Linear base colour.
     pub color: [f32; 3],
+    /// 0 dielectric, 1 metal.
+    pub metallic: f32,
+    /// 0 a mirror, 1 as rough as can be.
+    pub roughness: f32,
     /// Is the base colour multiplied by the texture?
     pub textured: bool,
+}
+
+impl Mesh {
+    /// A rough dielectric without corners.
+    fn empty(color: [f32; 3]) -> Self {
+        Mesh {
+            positions: Vec::new(),
+            normals: Vec::new(),
+            uvs: Vec::new(),
+            indices: Vec::new(),
+            color,
+            metallic: 0.0,
+            roughness: 1.0,
+            textured: false,
+        }
+    }
 }
 
 /// A quad of two triangles; texture coordinates run from 0 to 1 over it.
 pub fn quad(corners: [[f32; 3]; 4], color: [f32; 3]) -> Mesh {
     let uvs = vec![[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]];
-    Mesh { positions: corners.to_vec(), uvs, indices: vec![0, 1, 2, 0, 2, 3], color, textured: false }
+    Mesh { positions: corners.to_vec(), uvs, indices: vec![0, 1, 2, 0, 2, 3], ..Mesh::empty(color) }
+}
+
+/// A smooth sphere about `centre`, of `rows` rows of twice as many quads.
+pub fn sphere(centre: [f32; 3], radius: f32, rows: u32, color: [f32; 3]) -> Mesh {
+    let mut mesh = Mesh::empty(color);
+    let columns = 2 * rows;
+    for row in 0..=rows {
+        for column in 0..=columns {
+            let (down, around) = (row as f32 / rows as f32, column as f32 / columns as f32);
+            let (sin, cos) = (std::f32::consts::PI * down).sin_cos();
+            let (z, x) = (std::f32::consts::TAU * around).sin_cos();
+            let normal = [sin * x, cos, sin * z];
+            mesh.positions.push(std::array::from_fn(|axis| centre[axis] + radius * normal[axis]));
+            mesh.normals.push(normal);
+            mesh.uvs.push([around, down]);
+        }
+    }
+    for row in 0..rows {
+        for column in 0..columns {
+            let at = row * (columns + 1) + column;
+            let below = at + columns + 1;
+            mesh.indices.extend([at, at + 1, below, at + 1, below + 1, below]);
+        }
+    }
+    mesh
 }
 
 /// A level square of half side `half` at height `y`, facing up.
@@ -33,7 +80,7 @@ pub fn ground(half: f32, y: f32, color: [f32; 3]) -> Mesh {
 pub fn cuboid(min: [f32; 3], max: [f32; 3], color: [f32; 3]) -> Mesh {
     let corner = |bits: usize| std::array::from_fn(|axis| if bits >> axis & 1 == 1 { max[axis] } else { min[axis] });
     let faces = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
-    let mut mesh = Mesh { positions: Vec::new(), uvs: Vec::new(), indices: Vec::new(), color, textured: false };
+    let mut mesh = Mesh::empty(color);
     for face in faces {
         let first = mesh.positions.len() as u32;
         mesh.positions.extend(face.map(corner));
@@ -119,7 +166,11 @@ impl Parts {
         let uv = self.accessor(&bytes(mesh.uvs.as_flattened()), mesh.uvs.len(), FLOAT, "VEC2", None);
         let indices: Vec<u8> = mesh.indices.iter().flat_map(|k| k.to_le_bytes()).collect();
         let indices = self.accessor(&indices, mesh.indices.len(), UINT, "SCALAR", None);
-        let attributes = json!({"POSITION": position, "TEXCOORD_0": uv});
+        let mut attributes = json!({"POSITION": position, "TEXCOORD_0": uv});
+        if !mesh.normals.is_empty() {
+            let normals = bytes(mesh.normals.as_flattened());
+            attributes["NORMAL"] = json!(self.accessor(&normals, mesh.normals.len(), FLOAT, "VEC3", None));
+        }
         json!({"primitives": [{"attributes": attributes, "indices": indices, "material": material}]})
     }
 }
@@ -132,7 +183,10 @@ fn document(meshes: &[Mesh], picture: Option<Picture<'_>>) -> (Value, Vec<u8>) {
         .iter()
         .map(|mesh| {
             let [r, g, b] = mesh.color;
-            let mut surface = json!({"baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0});
+            let mut surface = json!({"baseColorFactor": [r, g, b, 1.0], "metallicFactor": mesh.metallic});
+            if mesh.roughness != 1.0 {
+                surface["roughnessFactor"] = json!(mesh.roughness);
+            }
             if mesh.textured {
                 surface["baseColorTexture"] = json!({"index": 0});
             }
@@ -201,6 +255,28 @@ pub fn courtyard() -> Vec<Mesh> {
     let mut board = quad([[-3.0, 0.0, -1.5], [-0.5, 0.0, -2.5], [-0.5, 2.2, -2.5], [-3.0, 2.2, -1.5]], [0.9, 0.8, 0.7]);
     board.textured = true;
     vec![ground(12.0, 0.0, [0.35, 0.4, 0.3]), cuboid([0.2, 0.0, -1.2], [1.8, 1.6, 0.4], [0.75, 0.55, 0.35]), board]
+}
+
+/// A bronze and a polished marble sphere on a stone floor, before a rough wall.
+pub fn polished() -> Vec<Mesh> {
+    let mut bronze = sphere([-1.1, 0.9, 0.0], 0.9, 48, [0.71, 0.43, 0.18]);
+    (bronze.metallic, bronze.roughness) = (1.0, 0.25);
+    let mut marble = sphere([1.1, 0.9, 0.3], 0.9, 48, [0.78, 0.74, 0.68]);
+    marble.roughness = 0.12;
+    let wall = cuboid([-3.2, 0.0, -2.4], [3.2, 1.4, -2.0], [0.6, 0.5, 0.38]);
+    let mut floor = ground(9.0, 0.0, [0.45, 0.42, 0.37]);
+    floor.roughness = 0.6;
+    vec![floor, bronze, marble, wall]
+}
+
+/// Writes the polished spheres as `scene.glb` and their camera as `camera.json`.
+///
+/// # Panics
+/// If they cannot be written.
+pub fn write_polished(folder: &Path) {
+    crate::files::put(&folder.join("scene.glb"), glb(&polished(), None));
+    let camera = r#"{"position":[0.6,2.0,6.2],"target":[0.0,0.75,0],"up":[0,1,0],"fov_y_deg":34}"#;
+    crate::files::put(&folder.join("camera.json"), camera);
 }
 
 /// Writes the courtyard as `scene.glb` and its camera as `camera.json`.

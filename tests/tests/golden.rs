@@ -27,7 +27,7 @@ fn baked(
     let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), name);
     let png = checks_png();
     put(&folder.join("scene.glb"), glb(meshes, Some(Texture::Inside(&png))));
-    let scene = scene::load(&folder.join("scene.glb")).unwrap();
+    let scene = scene::load(&folder.join("scene.glb"), scene::Shading::Lambert).unwrap().scene;
     let camera = Camera { position, target, up: [0.0, 1.0, 0.0], fov_y_deg: 40.0, north_deg: 0.0 };
     let options = BakeOptions { size, directions, progress: false, ..BakeOptions::default() };
     bake(&scene, &camera, &options).unwrap().bytes

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Options that the reference pictures ask for.
-const OPTIONS: [&str; 4] = ["--size", "512x384", "--max-hits", "8"];
+const OPTIONS: [&str; 6] = ["--size", "512x384", "--max-hits", "8", "--materials", "lambert"];
 
 /// A number that changes with the code, the scene and the options of the bake.
 fn fingerprint(shared: &Path) -> u64 {

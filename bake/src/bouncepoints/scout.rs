@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use relume_firmware::bounce::MAX_BOUNCE_POINTS;
 
 use super::{BouncePoints, Vertex};
+use crate::path::Step;
 use crate::response::Transport;
 use crate::sobol::two_squares;
 use crate::strata::{Rng, hash};
@@ -104,8 +105,9 @@ impl Transport<'_> {
             let Some(surface) = surface else { continue };
             for path in 0..NEED_PATHS {
                 let at = two_squares(s as u32 * NEED_PATHS + path, seed);
-                self.tracer.walk(surface, at, &mut rng, |surface, throughput, _, _| {
-                    let weight = (throughput * surface.albedo).element_sum() / 3.0;
+                self.tracer.walk(surface, at, &mut rng, |step, throughput, _, _| {
+                    let Step::Met(surface) = step else { return };
+                    let weight = (throughput * surface.reflectance()).element_sum() / 3.0;
                     leaves.push((points.nearest(&Vertex::of(surface, 1.0)), weight));
                 });
             }
@@ -130,12 +132,13 @@ impl Transport<'_> {
         let mut found = Vec::new();
         for path in 0..scouts {
             let surface = seen.get(rng.next_u32() as usize % seen.len().max(1))?;
-            let own = surface.albedo.max(Vec3A::splat(1e-6));
+            let own = surface.reflectance().max(Vec3A::splat(1e-6));
             let from_eye = surface.position.distance(self.view.position.as_vec3a());
             let footprint = NEAR_PX * self.view.pixel_angle() * from_eye;
             let mut before = surface.position;
-            self.tracer.walk(surface, two_squares(path, seed), &mut rng, |surface, throughput, _, rng| {
-                let relayed = (throughput / own * surface.albedo).element_sum() / 3.0;
+            self.tracer.walk(surface, two_squares(path, seed), &mut rng, |step, throughput, _, rng| {
+                let Step::Met(surface) = step else { return };
+                let relayed = (throughput / own * surface.reflectance()).element_sum() / 3.0;
                 let distance = surface.position.distance(before);
                 before = surface.position;
                 let near = (footprint / distance).min(1.0).sqrt();

@@ -1,11 +1,11 @@
 //! What `scene`, `plan` and `merge` are told, and what it means.
 
-use super::values::{ERRORS, NOISES, duration, number, percent, range, site, size, sun, text};
+use super::values::{ERRORS, NOISES, duration, number, percent, range, shading, site, size, sun, text};
 use crate::bake::{BakeError, BakeOptions};
 use crate::camera::Camera;
 use crate::demo_scene;
 use crate::effort::{self, Goal};
-use crate::scene::{self, Scene};
+use crate::scene::{self, Scene, Shading};
 use crate::stack::StackError;
 use lexopt::prelude::*;
 use relume_firmware::glue::failure::{Failure, OrFail};
@@ -27,6 +27,7 @@ pub(super) struct Arguments {
     pub(super) resume: bool,
     pub(super) threads: usize,
     pub(super) json: bool,
+    pub(super) shading: Shading,
     pub(super) options: BakeOptions,
     /// Folder of the page about the bake.
     pub(super) report: Option<PathBuf>,
@@ -37,7 +38,7 @@ pub(super) struct Arguments {
 impl Arguments {
     /// `None`: help was asked for.
     pub(super) fn parse(parser: &mut lexopt::Parser) -> Result<Option<Self>, Failure> {
-        let mut a = Arguments::default();
+        let mut a = Arguments { shading: Shading::Gltf, ..Arguments::default() };
         while let Some(argument) = parser.next()? {
             match argument {
                 Value(path) => a.files.push(path.into()),
@@ -60,10 +61,7 @@ impl Arguments {
                 Long("noise") => a.goal = Some(Goal::Noise(percent("--noise", &text(parser)?, NOISES)?)),
                 Long("time") => a.goal = Some(Goal::Time(duration("--time", &text(parser)?)?)),
                 Long("test-sky") => a.options.test_maps.push(parser.value()?.into()),
-                Long("materials") => match text(parser)?.as_str() {
-                    "lambert" => {}
-                    other => return Err(Failure::bad(format!("--materials {other}: this version knows lambert"))),
-                },
+                Long("materials") => a.shading = shading(&text(parser)?)?,
                 Long("report") => a.report = Some(parser.value()?.into()),
                 Long("preview") => a.options.preview = Some(parser.value()?.into()),
                 Long("json") => a.json = true,
@@ -129,17 +127,24 @@ pub(super) fn missing(command: &str, what: &str) -> Failure {
 }
 
 /// The scene, where it is seen from, and the names of both for messages.
-pub(super) fn scene_and_camera(scene: &Path, camera: Option<&Path>) -> Result<(Scene, Camera, String), Failure> {
+pub(super) fn scene_and_camera(
+    scene: &Path,
+    camera: Option<&Path>,
+    shading: Shading,
+) -> Result<(Scene, Camera, String), Failure> {
     match (scene.as_os_str() == BUILT_IN, camera) {
         (true, None) => {
             let (scene, camera) = demo_scene::temple();
-            Ok((scene, camera, BUILT_IN.to_owned()))
+            Ok((scene.shaded(shading), camera, BUILT_IN.to_owned()))
         }
         (true, Some(_)) => Err(Failure::bad("scene demo: leave --camera out; the built-in scene brings its own")),
         (false, None) => Err(missing("scene", "--camera")),
         (false, Some(camera)) => {
             let names = format!("{} with {}", scene.display(), camera.display());
-            Ok((scene::load(scene).or_bad()?, Camera::load(camera).or_bad()?, names))
+            let loaded = scene::load(scene, shading).or_bad()?;
+            let camera = Camera::load(camera).or_bad()?;
+            loaded.notices.iter().for_each(|notice| eprintln!("{}: {notice}", scene.display()));
+            Ok((loaded.scene, camera, names))
         }
     }
 }

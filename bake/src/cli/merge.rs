@@ -25,7 +25,7 @@ pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     let plan = Plan::load(plan_file).or_bad()?;
     let shares = in_order(&plan, shares)?;
     check_writable(out)?;
-    let (scene, camera, names) = scene_and_camera(&plan.scene, plan.camera.as_deref())?;
+    let (scene, camera, names) = scene_and_camera(&plan.scene, plan.camera.as_deref(), plan.materials)?;
     plan.check(plan_file, &scene, &camera).map_err(|error| told(error, &names))?;
     let baked = arguments.on_threads(|| join(&plan, &scene, &camera, &shares))?;
     save(out, &baked.map_err(|error| told(error, &names))?, arguments.json, arguments.report.as_deref())

@@ -20,7 +20,7 @@ pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     }
     check_writable(out)?;
     let camera_file = arguments.camera.as_deref();
-    let (scene, camera, names) = scene_and_camera(scene_file, camera_file)?;
+    let (scene, camera, names) = scene_and_camera(scene_file, camera_file, arguments.shading)?;
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     survey(&scene, &camera, options.size).iter().for_each(|notice| eprintln!("notice: {notice}"));
     let options = arguments.sampled((&scene, &camera, &names), options)?;

@@ -47,7 +47,7 @@ fn bake_whole(arguments: &Arguments) -> Result<(), Failure> {
     }
     check_writable(out)?;
     options.preview.as_deref().map(check_writable).transpose()?;
-    let (scene, camera, names) = scene_and_camera(scene, arguments.camera.as_deref())?;
+    let (scene, camera, names) = scene_and_camera(scene, arguments.camera.as_deref(), arguments.shading)?;
     if options.stack.is_none() && !is_device(out) {
         options.ledger = Some(LedgerOptions { path: part_of(out), resume: arguments.resume });
     }
@@ -116,7 +116,7 @@ fn bake_share(arguments: &Arguments, plan_file: &Path) -> Result<(), Failure> {
     }
     check_writable(out)?;
     let options = BakeOptions { progress: arguments.options.progress, ..plan.options() };
-    let (scene, camera, names) = scene_and_camera(&plan.scene, plan.camera.as_deref())?;
+    let (scene, camera, names) = scene_and_camera(&plan.scene, plan.camera.as_deref(), plan.materials)?;
     plan.check(plan_file, &scene, &camera).map_err(|error| told(error, &names))?;
     let share = (plan.identity, numbers.clone());
     let mut ledger =

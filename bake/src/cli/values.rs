@@ -1,5 +1,6 @@
 //! Values of options.
 
+use crate::material::Shading;
 use lexopt::ValueExt;
 use relume_firmware::glue::failure::Failure;
 use std::ops::{Range, RangeInclusive};
@@ -21,6 +22,14 @@ pub(super) fn number<T: std::str::FromStr>(parser: &mut lexopt::Parser, name: &s
 pub(super) fn size(text: &str) -> Result<(u32, u32), Failure> {
     let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
     sides.ok_or_else(|| Failure::bad(format!("--size {text}: write WIDTHxHEIGHT in pixels, such as 1920x1080")))
+}
+
+pub(super) fn shading(text: &str) -> Result<Shading, Failure> {
+    match text {
+        "gltf" => Ok(Shading::Gltf),
+        "lambert" => Ok(Shading::Lambert),
+        other => Err(Failure::bad(format!("--materials {other}: say gltf or lambert"))),
+    }
 }
 
 /// Two finite numbers with a comma between them.

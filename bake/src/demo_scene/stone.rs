@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::noise::{fbm, hash, smoothstep};
-use crate::scene::{Alpha, Material};
+use crate::material::{Alpha, Finish, Material};
 use crate::texture::{Texture, Wrap};
 
 /// Indices into the scene's materials.
@@ -37,6 +37,7 @@ pub(super) fn materials() -> Vec<Material> {
         base_color: [r, g, b, 1.0],
         texture,
         alpha: Alpha::Opaque,
+        finish: Finish::default(),
     };
     COLORS.iter().map(opaque).collect()
 }

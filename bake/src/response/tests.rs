@@ -6,6 +6,7 @@ use glam::{Vec2, Vec3};
 use relume_firmware::patches::PatchSet;
 
 use super::*;
+use crate::material::Finish;
 use crate::scene::{Alpha, Material, Triangle};
 
 /// A scene of quads: corners counter-clockwise from the front, and a grey reflectance.
@@ -14,7 +15,13 @@ pub(crate) fn quads(all: &[([Vec3; 4], f32)]) -> Scene {
     for (corners, albedo) in all {
         let material = scene.materials.len() as u32;
         let base_color = [*albedo, *albedo, *albedo, 1.0];
-        scene.materials.push(Material { name: String::new(), base_color, texture: None, alpha: Alpha::Opaque });
+        scene.materials.push(Material {
+            name: String::new(),
+            base_color,
+            texture: None,
+            alpha: Alpha::Opaque,
+            finish: Finish::default(),
+        });
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
         for at in [[0, 1, 2], [0, 2, 3]] {
             let positions = at.map(|k: usize| corners[k]);

@@ -11,12 +11,13 @@ struct Sample {
     mode: u32,
     node: &'static str,
     extra: &'static str,
+    material: &'static str,
 }
 
 impl Default for Sample {
     fn default() -> Self {
         let positions = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];
-        Sample { positions, indices: vec![0, 1, 2, 2, 1, 3], mode: 4, node: "", extra: "" }
+        Sample { positions, indices: vec![0, 1, 2, 2, 1, 3], mode: 4, node: "", extra: "", material: "" }
     }
 }
 
@@ -24,11 +25,11 @@ impl Sample {
     fn json(&self, uri: &str, length: usize) -> String {
         let (vertices, count) = (self.positions.len(), self.indices.len());
         let split = 12 * vertices;
-        let (mode, node, extra) = (self.mode, self.node, self.extra);
+        let (mode, node, extra, material) = (self.mode, self.node, self.extra, self.material);
         format!(
             r#"{{"asset":{{"version":"2.0"}},{extra}
             "scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0,"name":"Hut"{node}}}],
-            "meshes":[{{"name":"Roof","primitives":[{{"attributes":{{"POSITION":0}},"indices":1,"mode":{mode}}}]}}],
+            "meshes":[{{"name":"Roof","primitives":[{{"attributes":{{"POSITION":0}},"indices":1,"mode":{mode}{material}}}]}}],
             "buffers":[{{"uri":"{uri}","byteLength":{length}}}],
             "bufferViews":[{{"buffer":0,"byteOffset":0,"byteLength":{split}}},
                 {{"buffer":0,"byteOffset":{split},"byteLength":{rest}}}],
@@ -50,7 +51,7 @@ impl Sample {
         std::fs::write(dir.path().join("a part.bin"), &bytes).unwrap();
         let path = dir.path().join("hut.gltf");
         std::fs::write(&path, self.json("a%20part.bin", bytes.len())).unwrap();
-        load(&path)
+        load(&path, Shading::Gltf).map(|loaded| loaded.scene)
     }
 }
 
@@ -123,17 +124,17 @@ fn missing_and_short_files_are_named() {
     let path = dir.path().join("hut.gltf");
     let sample = Sample::default();
     std::fs::write(&path, sample.json("lost.bin", 60)).unwrap();
-    let text = message(load(&path));
+    let text = message(load(&path, Shading::Gltf).map(|loaded| loaded.scene));
     assert!(text.contains("hut.gltf") && text.contains("lost.bin"), "{text}");
     std::fs::write(dir.path().join("lost.bin"), [0; 10]).unwrap();
-    assert!(message(load(&path)).contains("10 of 60 bytes"));
+    assert!(message(load(&path, Shading::Gltf).map(|loaded| loaded.scene)).contains("10 of 60 bytes"));
     let texture = r#""materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],
         "textures":[{"source":0}],"images":[{"uri":"wall.png"}],"#;
     let sample = Sample { extra: texture, ..Sample::default() };
     std::fs::write(dir.path().join("lost.bin"), sample.bytes()).unwrap();
     std::fs::write(&path, sample.json("lost.bin", 60)).unwrap();
-    assert!(message(load(&path)).contains("wall.png"));
-    assert!(message(load(&dir.path().join("none.glb"))).contains("none.glb"));
+    assert!(message(load(&path, Shading::Gltf).map(|loaded| loaded.scene)).contains("wall.png"));
+    assert!(message(load(&dir.path().join("none.glb"), Shading::Gltf).map(|loaded| loaded.scene)).contains("none.glb"));
 }
 
 #[test]
@@ -149,9 +150,79 @@ fn damaged_files_never_panic() {
             let mut damaged = json.clone();
             damaged[at] ^= flip;
             std::fs::File::create(&path).unwrap().write_all(&damaged).unwrap();
-            let _ = load(&path);
+            let _ = load(&path, Shading::Gltf);
         }
         std::fs::write(&path, &json[..at]).unwrap();
-        assert!(load(&path).is_err());
+        assert!(load(&path, Shading::Gltf).is_err());
+    }
+}
+
+fn loaded(sample: &Sample, shading: Shading) -> Loaded {
+    let dir = tempfile::tempdir().unwrap();
+    let bytes = sample.bytes();
+    std::fs::write(dir.path().join("b.bin"), &bytes).unwrap();
+    let normals = image::RgbImage::from_pixel(4, 4, image::Rgb([204, 128, 230]));
+    normals.save(dir.path().join("n.png")).unwrap();
+    let path = dir.path().join("hut.gltf");
+    std::fs::write(&path, sample.json("b.bin", bytes.len())).unwrap();
+    load(&path, shading).unwrap()
+}
+
+#[test]
+fn materials_bring_their_finish_and_tell_what_is_left_out() {
+    let extra = r#""materials":[{"name":"Lamp","emissiveFactor":[1,0,0],
+        "pbrMetallicRoughness":{"metallicFactor":0.25,"roughnessFactor":0.5},
+        "extensions":{"KHR_materials_ior":{"ior":2.0},"KHR_materials_specular":{"specularFactor":0.5},
+            "KHR_materials_clearcoat":{"clearcoatFactor":1}}}, {}],"#;
+    let sample = Sample { extra, ..Sample::default() };
+    let Loaded { scene, notices } = loaded(&sample, Shading::Gltf);
+    let finish = &scene.materials[0].finish;
+    assert_eq!((finish.metallic, finish.roughness, finish.coat_f90), (0.25, 0.5, 0.5));
+    assert!((finish.coat_f0[1] - 0.5 / 9.0).abs() < 1e-6);
+    // What a file does not say is glTF's default: metal, and as rough as can be.
+    assert_eq!((scene.materials[1].finish.metallic, scene.materials[1].finish.roughness), (1.0, 1.0));
+    assert_eq!(notices.len(), 2, "{notices:?}");
+    assert!(notices[0].contains("'Lamp'") && notices[0].contains("emission"), "{notices:?}");
+    assert!(notices[1].contains("KHR_materials_clearcoat"), "{notices:?}");
+    let lambert = loaded(&sample, Shading::Lambert);
+    assert_eq!(lambert.notices.len(), 1);
+    assert!(lambert.scene.materials.iter().all(|material| material.finish == crate::material::Finish::default()));
+}
+
+#[test]
+fn normal_maps_come_with_coordinates_and_tangents() {
+    let extra = r#""materials":[{"normalTexture":{"index":0,"scale":0.5,
+        "extensions":{"KHR_texture_transform":{"offset":[0.25,0.5],"scale":[2,2]}}},
+        "pbrMetallicRoughness":{"metallicRoughnessTexture":{"index":0}}}],
+        "textures":[{"source":0}],"images":[{"uri":"n.png"}],"#;
+    let mut sample = Sample { extra, ..Sample::default() };
+    sample.material = r#","material":0"#;
+    let scene = loaded(&sample, Shading::Gltf).scene;
+    let finish = &scene.materials[0].finish;
+    assert_eq!((finish.normal_map, finish.texture), (Some((0, 0.5)), Some(0)));
+    assert_eq!((scene.details.len(), scene.normal_maps.len(), scene.textures.len()), (2, 1, 1));
+    // Without coordinates all corners have the offset, and no tangent can be told.
+    assert_eq!(scene.details[0].normal_uvs, [Vec2::new(0.25, 0.5); 3]);
+    assert_eq!(scene.details[0].tangents, [Vec4::ZERO; 3]);
+    // Roughness is green and metallic blue, as plain values.
+    let texel = scene.textures[0].sample(Vec2::ZERO);
+    assert!((texel.y - 128.0 / 255.0).abs() < 1e-6 && (texel.z - 230.0 / 255.0).abs() < 1e-6, "{texel}");
+    let lambert = loaded(&sample, Shading::Lambert).scene;
+    assert!(lambert.details.is_empty() && lambert.normal_maps.is_empty() && lambert.textures.is_empty());
+}
+
+#[test]
+fn a_mirrored_node_keeps_the_map_s_up() {
+    // Tangents of a file under a mirror: the bitangent in the world is still the mirrored one.
+    let positions = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let (normals, tangents) = ([[0.0, 0.0, 1.0]; 3], [[1.0, 0.0, 0.0, 1.0]; 3]);
+    for mirror in [DVec3::new(-1.0, 1.0, 1.0), DVec3::new(1.0, -1.0, 1.0), DVec3::new(1.0, 1.0, -1.0)] {
+        let to_world = DMat4::from_scale(mirror);
+        let mesh = PlacedMesh::new(&positions, Some(&normals), None, to_world, UvTransform::default());
+        let tangent = mesh.tangents(&tangents, [0, 1, 2])[0];
+        let Ok(Some(triangle)) = mesh.triangle([0, 1, 2], 0) else { panic!("a triangle") };
+        let bitangent = triangle.normals[0].cross(tangent.truncate()) * tangent.w;
+        assert_eq!(tangent.truncate(), (DVec3::X * mirror).as_vec3());
+        assert_eq!(bitangent, (DVec3::Y * mirror).as_vec3(), "{mirror}");
     }
 }

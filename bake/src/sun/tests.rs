@@ -22,7 +22,7 @@ fn towards(altitude_deg: f32) -> Vec3 {
 }
 
 /// Red response of every pixel to a sun, path-traced as for a stack. All pixels must be covered.
-fn traced(scene: &Scene, camera: &Camera, options: TransportOptions, sun: Vec3) -> Vec<f32> {
+pub(super) fn traced(scene: &Scene, camera: &Camera, options: TransportOptions, sun: Vec3) -> Vec<f32> {
     let patches = PatchSet::new(16).unwrap_or_else(|error| panic!("{error}"));
     let transport = Transport::new(scene, camera, patches, SIZE, options).unwrap_or_else(|error| panic!("{error}"));
     let (tile, sun) = (transport.tile(0, 0), SunDisc::new(sun));
@@ -31,7 +31,7 @@ fn traced(scene: &Scene, camera: &Camera, options: TransportOptions, sun: Vec3) 
 }
 
 /// The same by way of a field.
-fn live(scene: &Scene, camera: &Camera, transport: TransportOptions, sun: Vec3) -> Vec<f32> {
+pub(super) fn live(scene: &Scene, camera: &Camera, transport: TransportOptions, sun: Vec3) -> Vec<f32> {
     let options = BakeOptions { size: SIZE, directions: 16, transport, progress: false, ..BakeOptions::default() };
     let baked = bake(scene, camera, &options).unwrap_or_else(|error| panic!("{error}"));
     let field = Field::new(&baked.bytes).unwrap_or_else(|error| panic!("{error}"));
@@ -45,12 +45,12 @@ fn live(scene: &Scene, camera: &Camera, transport: TransportOptions, sun: Vec3) 
     slot[..256].iter().map(|&v| f32::from(v) / 32768.0).collect()
 }
 
-fn mean(values: &[f32]) -> f32 {
+pub(super) fn mean(values: &[f32]) -> f32 {
     values.iter().sum::<f32>() / values.len() as f32
 }
 
 /// Relative rms difference.
-fn apart(a: &[f32], b: &[f32]) -> f32 {
+pub(super) fn apart(a: &[f32], b: &[f32]) -> f32 {
     let squares: f32 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
     (squares / a.len() as f32).sqrt() / mean(b)
 }

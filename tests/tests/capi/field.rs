@@ -16,7 +16,7 @@ pub fn folder() -> &'static Path {
     FOLDER.get_or_init(|| {
         let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "capi");
         put(&folder.join("scene.glb"), glb(&courtyard(), Some(Picture::Inside(&checks_png()))));
-        let scene = scene::load(&folder.join("scene.glb")).unwrap();
+        let scene = scene::load(&folder.join("scene.glb"), scene::Shading::Lambert).unwrap().scene;
         let (position, target) = ([2.5, 2.6, 6.5], [-0.4, 0.8, 0.0]);
         let camera = Camera { position, target, up: [0.0, 1.0, 0.0], fov_y_deg: 45.0, north_deg: 12.5 };
         let options = BakeOptions { size: (70, 50), directions: 32, progress: false, ..BakeOptions::default() };
