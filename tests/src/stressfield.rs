@@ -2,6 +2,7 @@
 
 use relume_bake::blocks::{BlockCompressor, BlockTile};
 use relume_bake::compress::Whites;
+use relume_bake::prior::Prior;
 use relume_bake::response::TileResponse;
 use relume_bake::scene::Scene;
 use relume_bake::sunlayers::CasterLayers;
@@ -124,7 +125,8 @@ impl StressField {
         };
         let responses: Vec<Vec<f32>> = (0..matter.len()).map(|index| tile(index).response).collect();
         let whites = Whites::of(&responses.concat(), patches.len());
-        let compressor = BlockCompressor::new(&patches, error, whites, CasterLayers::new(&Scene::default()));
+        let compressor =
+            BlockCompressor::new(Prior::skies(&patches), error, whites, CasterLayers::new(&Scene::default()));
         let mut writer = FieldWriter::default();
         writer.set_bound_basis(compressor.bound_basis_bytes());
         let mut tiles = Vec::new();
