@@ -66,8 +66,9 @@ fn fact(settings: &MergeSettings, channel: usize, code: f64, max: f64) -> Fact {
     Fact { fraction: fraction as f32, width: variance as f32 }
 }
 
-/// What the merging loop adds per code: weight x t^2, weight x fraction x t, weight x fraction^2, and the share in the
-/// limit of the sum of squares; all 0 where clipped. Weight = inverse variance of the fraction, t = relative exposure.
+/// What the merging loop adds per code: weight x t^2, weight x fraction x t, weight x fraction^2 less the share in the limit
+/// of the sum of squares, and a place that fills 16 bytes; all 0 where clipped. Weight = inverse variance of the fraction,
+/// t = relative exposure.
 pub(super) type Entry = [f32; 4];
 
 /// A frame's tables, kept from series to series while its exposure stays.
@@ -113,7 +114,7 @@ fn entry(fact: &Fact, t: f32, noise: &SensorNoise, gain: f64) -> Entry {
     }
     let weight = 1.0 / fact.variance(noise, gain);
     let weighted = weight * fact.fraction;
-    [weight * t * t, weighted * t, weighted * fact.fraction, LIMIT_PER_SAMPLE]
+    [weight * t * t, weighted * t, weighted * fact.fraction - LIMIT_PER_SAMPLE, 0.0]
 }
 
 /// Which of the two formats a frame's codes have: 0 for 8 bits, 1 for 16.
