@@ -32,6 +32,13 @@ pub(super) struct Merging<'a> {
     pub per_second: f32,
 }
 
+/// Sums of a strip, per channel and pixel.
+struct Sums<C> {
+    of: [[Entry; PIXELS]; 3],
+    /// Codes of a last strip that is short, per frame.
+    copies: [[C; STRIP]; TOGETHER],
+}
+
 /// A strip, channel by channel.
 struct Planes {
     radiance: [[f32; PIXELS]; 3],
@@ -49,7 +56,7 @@ pub(super) fn merge<'a, C, const COUNT: usize>(
     C: Copy + Default + Into<usize> + 'a,
 {
     let mut planes = Planes { radiance: [[0.0; PIXELS]; 3], excess: [0.0; PIXELS], weight: [0.0; PIXELS] };
-    let mut sums = [[[0.0; 4]; PIXELS]; 3];
+    let mut sums = Sums { of: [[[0.0; 4]; PIXELS]; 3], copies: [[C::default(); STRIP]; TOGETHER] };
     for number in 0..out.radiance.len().div_ceil(PIXELS) {
         let (from, mut first) = (number * STRIP, 0);
         while let Some(a) = source(first) {
@@ -63,7 +70,7 @@ pub(super) fn merge<'a, C, const COUNT: usize>(
         }
         planes.excess.fill(f32::NEG_INFINITY);
         planes.weight.fill(f32::INFINITY);
-        for (channel, sums) in sums.iter().enumerate() {
+        for (channel, sums) in sums.of.iter().enumerate() {
             planes.divide(channel, sums, out.per_second, out.least[channel]);
         }
         write(&planes, number * PIXELS, out);
@@ -75,7 +82,7 @@ fn add_group<C, const COUNT: usize, const FIRST: bool>(
     a: &Source<'_, C, COUNT>,
     rest: &[Option<Source<'_, C, COUNT>>; 3],
     from: usize,
-    sums: &mut [[Entry; PIXELS]; 3],
+    sums: &mut Sums<C>,
 ) where
     C: Copy + Default + Into<usize>,
 {
@@ -92,16 +99,16 @@ fn add_group<C, const COUNT: usize, const FIRST: bool>(
 fn add<C, const COUNT: usize, const N: usize, const FIRST: bool>(
     frames: [&Source<'_, C, COUNT>; N],
     from: usize,
-    sums: &mut [[Entry; PIXELS]; 3],
+    sums: &mut Sums<C>,
 ) where
     C: Copy + Default + Into<usize>,
 {
-    let mut copies = [[C::default(); STRIP]; N];
+    let Some(copies) = sums.copies.first_chunk_mut::<N>() else { return };
     let mut sources = frames.iter();
     let codes = copies.each_mut().map(|copy| strip_of(sources.next().map_or(&[], |s| s.codes), from, copy));
     for channel in 0..3 {
         let tables = frames.map(|frame| frame.tables[channel]);
-        let (fours, _) = sums[channel].as_chunks_mut::<UNROLLED>();
+        let (fours, _) = sums.of[channel].as_chunks_mut::<UNROLLED>();
         for (four, sums) in fours.iter_mut().enumerate() {
             for (lane, sum) in sums.iter_mut().enumerate() {
                 let at = 3 * (UNROLLED * four + lane) + channel;

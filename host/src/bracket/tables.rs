@@ -1,5 +1,6 @@
 //! What one code is worth: its full-well fraction and variance, and the tables that the merging loop sums.
 
+use super::scales::well_measured;
 use super::{MergeSettings, SensorNoise};
 use crate::camera::{Codes, Frame};
 
@@ -33,6 +34,8 @@ impl Fact {
 #[derive(Clone, Debug)]
 pub(super) struct Facts {
     pub channels: [Vec<Fact>; 3],
+    /// Their fractions where exposures may be judged by them, NaN elsewhere.
+    pub judged: [Vec<f32>; 3],
     /// Fraction at which a channel clips.
     pub clip: [f32; 3],
 }
@@ -41,7 +44,9 @@ impl Facts {
     pub fn new(settings: &MergeSettings, max: u16) -> Self {
         let of = |channel| (0..=max).map(|code| fact(settings, channel, f64::from(code), f64::from(max))).collect();
         let clip = [0, 1, 2].map(|channel| fraction(settings, channel, settings.clip) as f32);
-        Facts { channels: [0, 1, 2].map(of), clip }
+        let channels: [Vec<Fact>; 3] = [0, 1, 2].map(of);
+        let judged = channels.each_ref().map(|facts| facts.iter().map(well_measured).collect());
+        Facts { channels, judged, clip }
     }
 }
 
