@@ -96,8 +96,9 @@ pub struct MergeReport {
 
 /// Series whose noise is averaged before it is held.
 const NOISE_SERIES: usize = 16;
-/// Pixels of a series that exposures and noise are judged by, in all channels.
-const GAUGE_PIXELS: usize = 5461;
+/// Pixels of a series that exposures are judged by, and noise, in all channels.
+const SCALE_PIXELS: usize = 1365;
+const NOISE_PIXELS: usize = 5461;
 
 /// Merges series; keeps its tables and buffers from one series to the next.
 #[derive(Clone, Debug)]
@@ -191,7 +192,7 @@ impl Merger {
         let facts = [short, long].map(|frame| self.facts[format_of(frame)].as_ref());
         if let [Some(short_facts), Some(long_facts)] = facts {
             let r = (short.exposure.product_s() / long.exposure.product_s()) as f32;
-            for_gauged(pixels, |at, channel| {
+            for_some(SCALE_PIXELS, pixels, |at, channel| {
                 let fraction = |facts: &Facts, frame: &Frame| facts.judged[channel][usize::from(frame.codes.get(at))];
                 self.scale_gauge.take(fraction(short_facts, short), fraction(long_facts, long), r);
             });
@@ -204,7 +205,7 @@ impl Merger {
         let facts = [short, long].map(|frame| self.facts[format_of(frame)].as_ref());
         let [Some(short_facts), Some(long_facts)] = facts else { return };
         let r = short.exposure.product_s() / long.exposure.product_s();
-        for_gauged(pixels, |at, channel| {
+        for_some(NOISE_PIXELS, pixels, |at, channel| {
             let fact = |facts: &Facts, frame: &Frame| facts.channels[channel][usize::from(frame.codes.get(at))];
             self.noise_gauge.take(&fact(short_facts, short), &fact(long_facts, long), r as f32);
         });
@@ -290,10 +291,10 @@ impl Merger {
     }
 }
 
-/// Calls for every channel value (its place in the frame, its channel) of the pixels that a series is judged by.
-fn for_gauged(pixels: usize, mut look: impl FnMut(usize, usize)) {
+/// Calls for every channel value (its place in the frame, its channel) of some of a frame's pixels.
+fn for_some(wanted: usize, pixels: usize, mut look: impl FnMut(usize, usize)) {
     // An odd step, so that rows of even length are not all looked at in the same columns.
-    let stride = (pixels / GAUGE_PIXELS).max(1) | 1;
+    let stride = (pixels / wanted).max(1) | 1;
     for pixel in (0..pixels).step_by(stride) {
         (0..3).for_each(|channel| look(3 * pixel + channel, channel));
     }

@@ -15,6 +15,7 @@ const SIGMAS: f32 = 3.5;
 const SYSTEMATIC: f32 = 0.03;
 /// Votes of the reference frame's group, and of a group that equals the sky around.
 const REFERENCE_VOTES: f32 = 3.0;
+const STANDING_VOTES: f32 = 9.0;
 const SURROUNDINGS_VOTES: f32 = 6.0;
 /// Frames of a group beyond which more do not count.
 const MOST_VOTES: u32 = 3;
@@ -123,12 +124,13 @@ impl GhostFilter {
         let measures = |i: usize| samples[i].iter().any(|sample| sample.usable);
         let all = (0..samples.len()).filter(|&i| measures(i)).fold(0u32, |bits, i| bits | 1 << i);
         let (mut best, mut most) = (all, f32::NEG_INFINITY);
+        let reference_votes = reference_votes(samples, reference, all);
         for i in (0..samples.len()).filter(|&i| measures(i)) {
             let agreeing = |&j: &usize| measures(j) && agree(&samples[i], &samples[j]);
             let group = (0..samples.len()).filter(agreeing).fold(0u32, |bits, j| bits | 1 << j);
             let likeness = around.map_or(0.0, |around| (-distance(&samples[i], around) / LIKENESS).exp());
             let votes = group.count_ones().min(MOST_VOTES) as f32
-                + if group >> reference & 1 == 1 { REFERENCE_VOTES } else { 0.0 }
+                + if group >> reference & 1 == 1 { reference_votes } else { 0.0 }
                 + SURROUNDINGS_VOTES * likeness;
             if votes > most {
                 (best, most) = (group, votes);
@@ -214,6 +216,23 @@ impl GhostFilter {
             }
         }
         std::mem::swap(&mut self.areas, &mut self.spread);
+    }
+}
+
+/// Votes for what the reference frame shows: many where the frame before or after shows the same, none where those two show
+/// the same and it does not, for then something passed in that moment.
+fn reference_votes(samples: &[[Sample; 3]], reference: usize, all: u32) -> f32 {
+    let measures = |&i: &usize| all >> i & 1 == 1;
+    let before = (0..reference).rev().find(measures);
+    let after = (reference + 1..samples.len()).find(measures);
+    let (Some(before), Some(after)) = (before, after) else { return REFERENCE_VOTES };
+    let same = |a: usize, b: usize| agree(&samples[a], &samples[b]);
+    if same(reference, before) || same(reference, after) {
+        STANDING_VOTES
+    } else if same(before, after) {
+        0.0
+    } else {
+        REFERENCE_VOTES
     }
 }
 

@@ -28,6 +28,8 @@ const EVEN: f64 = 1.12;
 const CLEAR_SHARE: f64 = 0.6;
 const SMOOTH: f64 = 0.03;
 const SMOOTH_DEG: f32 = 3.0;
+/// Glare is known by its being so many times brighter than clear sky and cloud together.
+const GLARING: f64 = 1.2;
 /// Part of the way that the sky's unit goes to a newly seen clear sky's.
 const FOLLOW: f64 = 0.1;
 /// Least of the model's clear sky that is left of it beside what was learnt.
@@ -74,8 +76,12 @@ impl Beam {
     /// Share of the clear-sky beam, 0..=1, and the unit that a modelled radiance is multiplied by.
     pub(super) fn look(&mut self, near: &[Near], sky: &ClearSky<'_>) -> (f64, f64) {
         let [quarter, middle] = sky.quarters;
+        let is_even = middle <= EVEN * quarter;
+        if is_even && !self.aureole.is_known() && is_glaring(near, sky, quarter) {
+            self.aureole.learn(near.iter().map(|pixel| beyond(pixel, sky, quarter)));
+        }
         let Some(share) = self.share(near, sky) else { return (1.0, self.unit.unwrap_or(quarter)) };
-        let (is_even, is_clear) = (middle <= EVEN * quarter, share > CLEAR_SHARE * quarter);
+        let is_clear = share > CLEAR_SHARE * quarter;
         if is_even && is_clear {
             let unit = self.unit.unwrap_or(quarter);
             self.unit = Some(unit + FOLLOW * (quarter - unit));
@@ -125,6 +131,17 @@ impl Beam {
             (clear + scattered[k] * f64::from(sky.beam[k])).max(LEAST_CLEAR * clear)
         })
     }
+}
+
+/// Is it brighter around the sun than any cloud before it could make it? Then the lens does.
+fn is_glaring(near: &[Near], sky: &ClearSky<'_>, unit: f64) -> bool {
+    let cloud = f64::from(luminance(sky.model.horizontal_irradiance())) / std::f64::consts::PI;
+    let (mut found, mut most) = (0.0, 0.0);
+    for pixel in near.iter().filter(|pixel| pixel.apart_deg() < SMOOTH_DEG) {
+        found += f64::from(luminance(pixel.value));
+        most += unit * (f64::from(luminance(sky.model.radiance(pixel.dir))) + cloud);
+    }
+    found > GLARING * most
 }
 
 /// What a pixel shows beyond the model's clear sky, per irradiance of the beam.
