@@ -24,11 +24,13 @@ const TERMS: usize = 6;
 const FEWEST: usize = 12;
 /// A sky is even when the middle of its patches stands no higher over the clear sky than the lower quarter, as a factor.
 const EVEN: f64 = 1.12;
-/// The sun is in the clear from this share on, or where the light around it is no more uneven than this within some degrees.
+/// The sun is in the clear from the first share on, and from the second where the light around it is no more uneven than this
+/// within some degrees: a cloud may be as smooth, but lets less through.
 const CLEAR_SHARE: f64 = 0.6;
+const VEILED_SHARE: f64 = 0.2;
 const SMOOTH: f64 = 0.03;
 const SMOOTH_DEG: f32 = 3.0;
-/// Glare is known by its being so many times brighter than clear sky and cloud together.
+/// Glare is known by its being so many times as bright as clear sky and cloud together: the lens makes it then.
 const GLARING: f64 = 1.2;
 /// Part of the way that the sky's unit goes to a newly seen clear sky's.
 const FOLLOW: f64 = 0.1;
@@ -77,7 +79,7 @@ impl Beam {
     pub(super) fn look(&mut self, near: &[Near], sky: &ClearSky<'_>) -> (f64, f64) {
         let [quarter, middle] = sky.quarters;
         let is_even = middle <= EVEN * quarter;
-        if is_even && !self.aureole.is_known() && is_glaring(near, sky, quarter) {
+        if is_even && !self.aureole.is_known() && brightness(near, sky, 1.0) > GLARING * quarter {
             self.aureole.learn(near.iter().map(|pixel| beyond(pixel, sky, quarter)));
         }
         let Some(share) = self.share(near, sky) else { return (1.0, self.unit.unwrap_or(quarter)) };
@@ -87,7 +89,8 @@ impl Beam {
             self.unit = Some(unit + FOLLOW * (quarter - unit));
         }
         let unit = self.unit.unwrap_or(quarter).max(1e-12);
-        if is_even && (is_clear || !self.aureole.is_known() || unevenness(near, SMOOTH_DEG) < SMOOTH) {
+        let may_be_clear = share > VEILED_SHARE * unit || !self.aureole.is_known() && brightness(near, sky, 0.0) > unit;
+        if is_even && (is_clear || may_be_clear && unevenness(near, SMOOTH_DEG) < SMOOTH) {
             self.aureole.learn(near.iter().map(|pixel| beyond(pixel, sky, unit)));
         }
         (trusted(share / unit), unit)
@@ -133,15 +136,15 @@ impl Beam {
     }
 }
 
-/// Is it brighter around the sun than any cloud before it could make it? Then the lens does.
-fn is_glaring(near: &[Near], sky: &ClearSky<'_>, unit: f64) -> bool {
-    let cloud = f64::from(luminance(sky.model.horizontal_irradiance())) / std::f64::consts::PI;
-    let (mut found, mut most) = (0.0, 0.0);
+/// Light around the sun over that of the model's clear sky and so many clouds.
+fn brightness(near: &[Near], sky: &ClearSky<'_>, clouds: f64) -> f64 {
+    let cloud = clouds * f64::from(luminance(sky.model.horizontal_irradiance())) / std::f64::consts::PI;
+    let (mut found, mut modelled) = (0.0, 0.0);
     for pixel in near.iter().filter(|pixel| pixel.apart_deg() < SMOOTH_DEG) {
         found += f64::from(luminance(pixel.value));
-        most += unit * (f64::from(luminance(sky.model.radiance(pixel.dir))) + cloud);
+        modelled += f64::from(luminance(sky.model.radiance(pixel.dir))) + cloud;
     }
-    found > GLARING * most
+    found / f64::max(modelled, 1e-12)
 }
 
 /// What a pixel shows beyond the model's clear sky, per irradiance of the beam.
