@@ -161,20 +161,18 @@ fn write(planes: &Planes, from: usize, out: &mut Merging<'_>) {
     let states = &mut out.state[from..];
     let count = states.len().min(PIXELS);
     states[..count].fill(PixelState::Valid);
-    let blocks = planes.excess.chunks(BLOCK).zip(planes.weight.chunks(BLOCK)).take(count.div_ceil(BLOCK));
-    for (number, (excess, weight)) in blocks.enumerate() {
-        let first = number * BLOCK;
-        let rare =
-            excess.iter().zip(weight).fold(false, |rare, (&excess, &weight)| rare | (excess > 0.0) | (weight <= 0.0));
-        if !rare {
+    let blocks = planes.excess.chunks(BLOCK).zip(planes.weight.chunks(BLOCK));
+    for (number, (states, (excess, weight))) in states[..count].chunks_mut(BLOCK).zip(blocks).enumerate() {
+        let pairs = || excess.iter().copied().zip(weight.iter().copied());
+        if !pairs().fold(false, |rare, (excess, weight)| rare | (excess > 0.0) | (weight <= 0.0)) {
             continue;
         }
-        for at in first..(first + BLOCK).min(count) {
-            if planes.weight[at] <= 0.0 {
-                states[at] = PixelState::Clipped;
+        for (at, (state, (excess, weight))) in states.iter_mut().zip(pairs()).enumerate() {
+            if weight <= 0.0 {
+                *state = PixelState::Clipped;
             }
-            if planes.excess[at] > 0.0 {
-                out.suspects.push((from + at) as u32);
+            if excess > 0.0 {
+                out.suspects.push((from + number * BLOCK + at) as u32);
             }
         }
     }
