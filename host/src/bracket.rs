@@ -96,8 +96,9 @@ pub struct MergeReport {
 
 /// Series whose noise is averaged before it is held.
 const NOISE_SERIES: usize = 16;
-/// Pixels of a series that exposures and noise are judged by.
-const GAUGE_PIXELS: usize = 16_384;
+/// Pixels of a series that exposures are judged by, and noise, in all channels.
+const SCALE_PIXELS: usize = 1365;
+const NOISE_PIXELS: usize = 5461;
 
 /// Merges series; keeps its tables and buffers from one series to the next.
 #[derive(Clone, Debug)]
@@ -170,29 +171,11 @@ impl Merger {
         self.order.sort_unstable_by(|&a, &b| product(a).total_cmp(&product(b)));
         self.scale_gauge.clear();
         let wants_noise = self.settings.noise.is_none() && self.noise_series < NOISE_SERIES;
-        // An odd step, so that rows of even length are not all looked at in the same columns.
-        let stride = (pixels / GAUGE_PIXELS).max(1) | 1;
-        for pair in self.order.windows(2) {
-            let (short, long) = (&frames[pair[0]], &frames[pair[1]]);
-            let (Some(short_facts), Some(long_facts)) = (&self.facts[format_of(short)], &self.facts[format_of(long)])
-            else {
-                continue;
-            };
-            let r = short.exposure.product_s() / long.exposure.product_s();
-            // Shot noise grows with gain; one gain per equation.
-            let wants_noise = wants_noise && short.exposure.gain == long.exposure.gain;
-            for (number, pixel) in (0..pixels).step_by(stride).enumerate() {
-                let at = 3 * pixel + number % 3;
-                let fact = |facts: &Facts, frame: &Frame| facts.channels[number % 3][usize::from(frame.codes.get(at))];
-                let (a, b) = (fact(short_facts, short), fact(long_facts, long));
-                self.scale_gauge.take(&a, &b, r as f32);
-                if wants_noise {
-                    self.noise_gauge.take(&a, &b, r as f32);
-                }
-            }
-            self.scale_gauge.end_pair();
-            if wants_noise {
-                self.noise_gauge.end_pair(r, short.exposure.gain);
+        for place in 1..self.order.len() {
+            let (short, long) = (&frames[self.order[place - 1]], &frames[self.order[place]]);
+            self.gauge_pair(short, long, pixels);
+            if wants_noise && short.exposure.gain == long.exposure.gain {
+                self.gauge_noise(short, long, pixels);
             }
         }
         if wants_noise {
@@ -203,6 +186,30 @@ impl Merger {
             self.report.noise = stated;
         }
         self.correct(frames);
+    }
+
+    fn gauge_pair(&mut self, short: &Frame, long: &Frame, pixels: usize) {
+        let facts = [short, long].map(|frame| self.facts[format_of(frame)].as_ref());
+        if let [Some(short_facts), Some(long_facts)] = facts {
+            let r = (short.exposure.product_s() / long.exposure.product_s()) as f32;
+            for_some(SCALE_PIXELS, pixels, |at, channel| {
+                let fraction = |facts: &Facts, frame: &Frame| facts.judged[channel][usize::from(frame.codes.get(at))];
+                self.scale_gauge.take(fraction(short_facts, short), fraction(long_facts, long), r);
+            });
+        }
+        self.scale_gauge.end_pair();
+    }
+
+    /// Shot noise grows with gain: both frames must have the same.
+    fn gauge_noise(&mut self, short: &Frame, long: &Frame, pixels: usize) {
+        let facts = [short, long].map(|frame| self.facts[format_of(frame)].as_ref());
+        let [Some(short_facts), Some(long_facts)] = facts else { return };
+        let r = short.exposure.product_s() / long.exposure.product_s();
+        for_some(NOISE_PIXELS, pixels, |at, channel| {
+            let fact = |facts: &Facts, frame: &Frame| facts.channels[channel][usize::from(frame.codes.get(at))];
+            self.noise_gauge.take(&fact(short_facts, short), &fact(long_facts, long), r as f32);
+        });
+        self.noise_gauge.end_pair(r, short.exposure.gain);
     }
 
     fn correct(&mut self, frames: &[Frame]) {
@@ -281,6 +288,15 @@ impl Merger {
         let views: [Option<View<'_>>; MOST_FRAMES] = std::array::from_fn(|_| seen.next());
         report.reference = reference_of(&views, pixels);
         report.ghost_pixels = self.ghosts.settle(&views, report.reference, &self.suspects, into);
+    }
+}
+
+/// Calls for every channel value (its place in the frame, its channel) of some of a frame's pixels.
+fn for_some(wanted: usize, pixels: usize, mut look: impl FnMut(usize, usize)) {
+    // An odd step, so that rows of even length are not all looked at in the same columns.
+    let stride = (pixels / wanted).max(1) | 1;
+    for pixel in (0..pixels).step_by(stride) {
+        (0..3).for_each(|channel| look(3 * pixel + channel, channel));
     }
 }
 

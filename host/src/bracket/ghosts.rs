@@ -15,6 +15,7 @@ const SIGMAS: f32 = 3.5;
 const SYSTEMATIC: f32 = 0.03;
 /// Votes of the reference frame's group, and of a group that equals the sky around.
 const REFERENCE_VOTES: f32 = 3.0;
+const STANDING_VOTES: f32 = 9.0;
 const SURROUNDINGS_VOTES: f32 = 6.0;
 /// Frames of a group beyond which more do not count.
 const MOST_VOTES: u32 = 3;
@@ -87,6 +88,8 @@ pub(super) struct GhostFilter {
     areas: Vec<([f32; 3], f32)>,
     spread: Vec<([f32; 3], f32)>,
     is_suspect: Vec<bool>,
+    /// Per area: it holds suspects.
+    is_wanted: Vec<bool>,
     across: usize,
 }
 
@@ -121,12 +124,13 @@ impl GhostFilter {
         let measures = |i: usize| samples[i].iter().any(|sample| sample.usable);
         let all = (0..samples.len()).filter(|&i| measures(i)).fold(0u32, |bits, i| bits | 1 << i);
         let (mut best, mut most) = (all, f32::NEG_INFINITY);
+        let reference_votes = reference_votes(samples, reference, all);
         for i in (0..samples.len()).filter(|&i| measures(i)) {
             let agreeing = |&j: &usize| measures(j) && agree(&samples[i], &samples[j]);
             let group = (0..samples.len()).filter(agreeing).fold(0u32, |bits, j| bits | 1 << j);
             let likeness = around.map_or(0.0, |around| (-distance(&samples[i], around) / LIKENESS).exp());
             let votes = group.count_ones().min(MOST_VOTES) as f32
-                + if group >> reference & 1 == 1 { REFERENCE_VOTES } else { 0.0 }
+                + if group >> reference & 1 == 1 { reference_votes } else { 0.0 }
                 + SURROUNDINGS_VOTES * likeness;
             if votes > most {
                 (best, most) = (group, votes);
@@ -141,31 +145,53 @@ impl GhostFilter {
         (count > 0.0).then_some(mean)
     }
 
-    /// Means of the areas without the suspects; an area of suspects alone takes those of its neighbours.
+    /// Means without the suspects of the areas that hold some; an area of suspects alone takes those of its neighbours.
     fn look_around(&mut self, suspects: &[u32], merged: &Merged) {
-        self.is_suspect.resize(merged.radiance.len(), false);
-        suspects.iter().for_each(|&pixel| self.is_suspect[pixel as usize] = true);
         let down = merged.height.div_ceil(AREA);
         self.across = merged.width.div_ceil(AREA);
         self.areas.clear();
         self.areas.resize(self.across * down, ([0.0; 3], 0.0));
-        for row in (0..merged.height).step_by(AREA_STEP) {
-            for col in (0..merged.width).step_by(AREA_STEP) {
-                let pixel = row * merged.width + col;
-                if !self.is_suspect[pixel] && merged.state[pixel] == PixelState::Valid {
-                    let (sum, count) = &mut self.areas[row / AREA * self.across + col / AREA];
-                    *sum = std::array::from_fn(|k| sum[k] + merged.radiance[pixel][k]);
-                    *count += 1.0;
-                }
+        self.is_wanted.clear();
+        self.is_wanted.resize(self.areas.len(), false);
+        self.is_suspect.resize(merged.radiance.len(), false);
+        for &pixel in suspects {
+            self.is_suspect[pixel as usize] = true;
+            self.is_wanted[pixel as usize / merged.width / AREA * self.across + pixel as usize % merged.width / AREA] =
+                true;
+        }
+        let mut lacks = false;
+        for area in 0..self.areas.len() {
+            if self.is_wanted[area] {
+                self.areas[area] = self.mean_of(area, merged);
+                lacks |= self.areas[area].1 == 0.0;
+            }
+        }
+        if lacks {
+            for area in (0..self.areas.len()).filter(|&area| !self.is_wanted[area]) {
+                self.areas[area] = self.mean_of(area, merged);
             }
         }
         suspects.iter().for_each(|&pixel| self.is_suspect[pixel as usize] = false);
-        for (sum, count) in self.areas.iter_mut().filter(|(_, count)| *count > 0.0) {
-            *sum = sum.map(|v| v / *count);
-        }
-        while self.areas.iter().any(|(_, count)| *count == 0.0) && self.areas.iter().any(|(_, count)| *count > 0.0) {
+        let is_empty = |(_, count): &([f32; 3], f32)| *count == 0.0;
+        while lacks && self.areas.iter().any(is_empty) && !self.areas.iter().all(is_empty) {
             self.fill_areas(down);
         }
+    }
+
+    /// Mean radiance of an area over pixels that are no suspects, and how many those are.
+    fn mean_of(&self, area: usize, merged: &Merged) -> ([f32; 3], f32) {
+        let (left, top) = (area % self.across * AREA, area / self.across * AREA);
+        let (mut sum, mut count) = ([0.0; 3], 0.0);
+        for row in (top..(top + AREA).min(merged.height)).step_by(AREA_STEP) {
+            for col in (left..(left + AREA).min(merged.width)).step_by(AREA_STEP) {
+                let pixel = row * merged.width + col;
+                if !self.is_suspect[pixel] && merged.state[pixel] == PixelState::Valid {
+                    sum = std::array::from_fn(|k| sum[k] + merged.radiance[pixel][k]);
+                    count += 1.0;
+                }
+            }
+        }
+        (if count > 0.0 { sum.map(|v| v / count) } else { sum }, count)
     }
 
     fn fill_areas(&mut self, down: usize) {
@@ -190,6 +216,23 @@ impl GhostFilter {
             }
         }
         std::mem::swap(&mut self.areas, &mut self.spread);
+    }
+}
+
+/// Votes for what the reference frame shows: many where the frame before or after shows the same, none where those two show
+/// the same and it does not, for then something passed in that moment.
+fn reference_votes(samples: &[[Sample; 3]], reference: usize, all: u32) -> f32 {
+    let measures = |&i: &usize| all >> i & 1 == 1;
+    let before = (0..reference).rev().find(measures);
+    let after = (reference + 1..samples.len()).find(measures);
+    let (Some(before), Some(after)) = (before, after) else { return REFERENCE_VOTES };
+    let same = |a: usize, b: usize| agree(&samples[a], &samples[b]);
+    if same(reference, before) || same(reference, after) {
+        STANDING_VOTES
+    } else if same(before, after) {
+        0.0
+    } else {
+        REFERENCE_VOTES
     }
 }
 

@@ -1,15 +1,17 @@
-//! The merging loop: table entries of up to four frames at a time are added per channel value, then divided.
+//! The merging loop: per strip of pixels and channel, table entries of up to four frames at a time are added, then divided;
+//! the channels are laid side by side at last. Tables and sums of one channel fit the nearest cache together.
 
 use super::PixelState;
 use super::tables::{Entry, LIMIT_BASE};
 
-/// Pixels and channel values worked on at a time: their sums stay in the nearest cache.
+/// Pixels worked on at a time.
 const PIXELS: usize = 256;
 const STRIP: usize = 3 * PIXELS;
 /// Frames whose tables are read together.
 const TOGETHER: usize = 4;
-
-type Strip = [Entry; STRIP];
+/// Pixels added in one turn of the loop, and those looked at together for what is rare.
+const UNROLLED: usize = 4;
+const BLOCK: usize = 16;
 
 /// A frame's codes and the tables of its three channels.
 pub(super) struct Source<'a, C, const COUNT: usize> {
@@ -30,6 +32,22 @@ pub(super) struct Merging<'a> {
     pub per_second: f32,
 }
 
+/// Sums of a strip, per channel and pixel.
+struct Sums<C> {
+    of: [[Entry; PIXELS]; 3],
+    /// Codes of a last strip that is short, per frame.
+    copies: [[C; STRIP]; TOGETHER],
+}
+
+/// A strip, channel by channel.
+struct Planes {
+    radiance: [[f32; PIXELS]; 3],
+    /// Squared deviations above their limit, the largest of the channels.
+    excess: [f32; PIXELS],
+    /// Sum of weights, the least of the channels: 0 where one was clipped in every frame.
+    weight: [f32; PIXELS],
+}
+
 /// Merges frames of one format; `source(i)` is frame `i`, none after the last.
 pub(super) fn merge<'a, C, const COUNT: usize>(
     source: impl Fn(usize) -> Option<Source<'a, C, COUNT>>,
@@ -37,30 +55,124 @@ pub(super) fn merge<'a, C, const COUNT: usize>(
 ) where
     C: Copy + Default + Into<usize> + 'a,
 {
-    let mut sums: Strip = [[0.0; 4]; STRIP];
-    let strips = out.radiance.chunks_mut(PIXELS).zip(out.state.chunks_mut(PIXELS));
-    for (number, (radiance, state)) in strips.enumerate() {
-        sums.fill([0.0; 4]);
+    let mut planes = Planes { radiance: [[0.0; PIXELS]; 3], excess: [0.0; PIXELS], weight: [0.0; PIXELS] };
+    let mut sums = Sums { of: [[[0.0; 4]; PIXELS]; 3], copies: [[C::default(); STRIP]; TOGETHER] };
+    for number in 0..out.radiance.len().div_ceil(PIXELS) {
         let (from, mut first) = (number * STRIP, 0);
         while let Some(a) = source(first) {
-            match (source(first + 1), source(first + 2), source(first + 3)) {
-                (Some(b), Some(c), Some(d)) => add([&a, &b, &c, &d], from, &mut sums),
-                (Some(b), Some(c), None) => add([&a, &b, &c], from, &mut sums),
-                (Some(b), ..) => add([&a, &b], from, &mut sums),
-                _ => add([&a], from, &mut sums),
+            let rest = [source(first + 1), source(first + 2), source(first + 3)];
+            if first == 0 {
+                add_group::<_, _, true>(&a, &rest, from, &mut sums)
+            } else {
+                add_group::<_, _, false>(&a, &rest, from, &mut sums)
             }
             first += TOGETHER;
         }
-        let found = divide(&sums);
-        let first_pixel = (number * PIXELS) as u32;
-        for (at, (radiance, state)) in radiance.iter_mut().zip(state).enumerate() {
-            let values = [found[3 * at], found[3 * at + 1], found[3 * at + 2]];
-            let measured = values.map(|value| value.mean >= 0.0);
-            *radiance =
-                std::array::from_fn(|k| if measured[k] { values[k].mean * out.per_second } else { out.least[k] });
-            *state = if measured == [true; 3] { PixelState::Valid } else { PixelState::Clipped };
-            if values.iter().any(|value| value.excess > 0.0) {
-                out.suspects.push(first_pixel + at as u32);
+        planes.excess.fill(f32::NEG_INFINITY);
+        planes.weight.fill(f32::INFINITY);
+        for (channel, sums) in sums.of.iter().enumerate() {
+            planes.divide(channel, sums, out.per_second, out.least[channel]);
+        }
+        write(&planes, number * PIXELS, out);
+    }
+}
+
+/// Adds up to four frames, `FIRST` to nothing.
+fn add_group<C, const COUNT: usize, const FIRST: bool>(
+    a: &Source<'_, C, COUNT>,
+    rest: &[Option<Source<'_, C, COUNT>>; 3],
+    from: usize,
+    sums: &mut Sums<C>,
+) where
+    C: Copy + Default + Into<usize>,
+{
+    match rest {
+        [Some(b), Some(c), Some(d)] => add::<_, _, 4, FIRST>([a, b, c, d], from, sums),
+        [Some(b), Some(c), None] => add::<_, _, 3, FIRST>([a, b, c], from, sums),
+        [Some(b), ..] => add::<_, _, 2, FIRST>([a, b], from, sums),
+        _ => add::<_, _, 1, FIRST>([a], from, sums),
+    }
+}
+
+/// Adds the entries of `N` frames to the sums of the strip that starts at a channel value; `FIRST` forgets those before.
+#[inline(always)]
+fn add<C, const COUNT: usize, const N: usize, const FIRST: bool>(
+    frames: [&Source<'_, C, COUNT>; N],
+    from: usize,
+    sums: &mut Sums<C>,
+) where
+    C: Copy + Default + Into<usize>,
+{
+    let Some(copies) = sums.copies.first_chunk_mut::<N>() else { return };
+    let mut sources = frames.iter();
+    let codes = copies.each_mut().map(|copy| strip_of(sources.next().map_or(&[], |s| s.codes), from, copy));
+    for channel in 0..3 {
+        let tables = frames.map(|frame| frame.tables[channel]);
+        let (fours, _) = sums.of[channel].as_chunks_mut::<UNROLLED>();
+        for (four, sums) in fours.iter_mut().enumerate() {
+            for (lane, sum) in sums.iter_mut().enumerate() {
+                let at = 3 * (UNROLLED * four + lane) + channel;
+                let entry = |i: usize| tables[i][codes[i][at].into()];
+                let start = if FIRST { entry(0) } else { plus(*sum, entry(0)) };
+                *sum = (1..N).fold(start, |sum, i| plus(sum, entry(i)));
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn plus(a: Entry, b: Entry) -> Entry {
+    std::array::from_fn(|k| a[k] + b[k])
+}
+
+impl Planes {
+    /// Radiance = sum of weight x fraction x t / sum of weight x t^2.
+    fn divide(&mut self, channel: usize, sums: &[Entry; PIXELS], per_second: f32, least: f32) {
+        let radiance = &mut self.radiance[channel];
+        for at in 0..PIXELS {
+            let [weight, weighted, square, _] = sums[at];
+            let mean = weighted / larger(weight, f32::MIN_POSITIVE);
+            let excess = square - weighted * mean - LIMIT_BASE;
+            radiance[at] = if weight > 0.0 { larger(mean, 0.0) * per_second } else { least };
+            self.excess[at] = larger(excess, self.excess[at]);
+            self.weight[at] = smaller(weight, self.weight[at]);
+        }
+    }
+}
+
+/// The larger of two numbers, `b` for NaN: one instruction, unlike `f32::max`.
+#[inline(always)]
+fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+#[inline(always)]
+fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// Writes a strip out from a pixel on.
+fn write(planes: &Planes, from: usize, out: &mut Merging<'_>) {
+    let [red, green, blue] = &planes.radiance;
+    let rest = out.radiance[from..].iter_mut();
+    for (value, ((r, g), b)) in rest.zip(red.iter().zip(green).zip(blue)) {
+        *value = [*r, *g, *b];
+    }
+    let states = &mut out.state[from..];
+    let count = states.len().min(PIXELS);
+    states[..count].fill(PixelState::Valid);
+    let blocks = planes.excess.chunks(BLOCK).zip(planes.weight.chunks(BLOCK));
+    for (number, (states, (excess, weight))) in states[..count].chunks_mut(BLOCK).zip(blocks).enumerate() {
+        let pairs = || excess.iter().copied().zip(weight.iter().copied());
+        if !pairs().fold(false, |rare, (excess, weight)| rare | (excess > 0.0) | (weight <= 0.0)) {
+            continue;
+        }
+        for (at, (state, (excess, weight))) in states.iter_mut().zip(pairs()).enumerate() {
+            if weight <= 0.0 {
+                *state = PixelState::Clipped;
+            }
+            if excess > 0.0 {
+                out.suspects.push((from + number * BLOCK + at) as u32);
             }
         }
     }
@@ -76,45 +188,4 @@ fn strip_of<'a, C: Copy + Default>(codes: &'a [C], from: usize, copy: &'a mut [C
             copy
         }
     }
-}
-
-/// Adds the entries of `N` frames to the sums of the strip that starts at a channel value.
-#[inline(always)]
-fn add<C, const COUNT: usize, const N: usize>(frames: [&Source<'_, C, COUNT>; N], from: usize, sums: &mut Strip)
-where
-    C: Copy + Default + Into<usize>,
-{
-    let mut copies = [[C::default(); STRIP]; N];
-    let mut sources = frames.iter();
-    let codes = copies.each_mut().map(|copy| strip_of(sources.next().map_or(&[], |s| s.codes), from, copy));
-    for channel in 0..3 {
-        let tables = frames.map(|frame| frame.tables[channel]);
-        for at in (channel..STRIP).step_by(3) {
-            let mut sum = sums[at];
-            for i in 0..N {
-                let entry = tables[i][codes[i][at].into()];
-                sum = std::array::from_fn(|k| sum[k] + entry[k]);
-            }
-            sums[at] = sum;
-        }
-    }
-}
-
-/// A channel value of a strip.
-#[derive(Clone, Copy)]
-struct Found {
-    /// Relative radiance; below 0 where nothing was measured.
-    mean: f32,
-    /// Squared deviations above their limit.
-    excess: f32,
-}
-
-/// Radiance = sum of weight x fraction x t / sum of weight x t^2.
-fn divide(sums: &Strip) -> [Found; STRIP] {
-    std::array::from_fn(|at| {
-        let [weight, weighted, square, limit] = sums[at];
-        let mean = weighted / weight.max(f32::MIN_POSITIVE);
-        let excess = square - weighted * mean - limit - LIMIT_BASE;
-        Found { mean: if weight > 0.0 { mean.max(0.0) } else { -1.0 }, excess }
-    })
 }

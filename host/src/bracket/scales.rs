@@ -7,14 +7,21 @@
 use super::tables::Fact;
 use crate::quantile::median;
 
-/// Fractions that count as well measured.
+/// Fractions that count as well measured, and the width of a code that does, as a share of the fraction.
 const LOWEST: f32 = 0.01;
 const HIGHEST: f32 = 0.9;
+const WIDEST: f32 = 0.1;
 /// Ratios a link between two frames needs.
 const FEWEST: usize = 48;
 /// Log ratio up to which a frame agrees with most others, and from which it is corrected.
 const AGREES: f32 = 0.05;
 const DISAGREES: f32 = 0.1;
+
+/// A fact's fraction where a ratio may be made of it, NaN elsewhere.
+pub(super) fn well_measured(fact: &Fact) -> f32 {
+    let is_fine = fact.width < (WIDEST * fact.fraction).powi(2);
+    if (LOWEST..HIGHEST).contains(&fact.fraction) && is_fine { fact.fraction } else { f32::NAN }
+}
 
 /// Gathers ratios; its buffers are kept.
 #[derive(Clone, Debug, Default)]
@@ -32,18 +39,20 @@ impl ScaleGauge {
         self.links.clear();
     }
 
-    /// Takes a pixel's channel in a shorter and a longer exposure of ratio `r` (short over long).
-    pub fn take(&mut self, short: &Fact, long: &Fact, r: f32) {
-        let measured = |fact: &Fact| (LOWEST..HIGHEST).contains(&fact.fraction);
-        let fine = |fact: &Fact| fact.width < (0.1 * fact.fraction).powi(2);
-        if measured(short) && measured(long) && fine(short) && fine(long) {
-            self.ratios.push((long.fraction * r / short.fraction).ln());
+    /// Takes a pixel's channel in a shorter and a longer exposure of ratio `r` (short over long): their fractions, NaN where
+    /// not [`well_measured`].
+    #[inline]
+    pub fn take(&mut self, short: f32, long: f32, r: f32) {
+        let ratio = long * r / short;
+        if !ratio.is_nan() {
+            self.ratios.push(ratio);
         }
     }
 
     /// Ends a pair of neighbouring exposures.
     pub fn end_pair(&mut self) {
-        let link = if self.ratios.len() < FEWEST { f32::NAN } else { median(&mut self.ratios).unwrap_or(f32::NAN) };
+        let enough = self.ratios.len() >= FEWEST;
+        let link = if enough { median(&mut self.ratios).map_or(f32::NAN, f32::ln) } else { f32::NAN };
         self.links.push(link);
         self.ratios.clear();
     }

@@ -1,5 +1,6 @@
 //! What one code is worth: its full-well fraction and variance, and the tables that the merging loop sums.
 
+use super::scales::well_measured;
 use super::{MergeSettings, SensorNoise};
 use crate::camera::{Codes, Frame};
 
@@ -33,6 +34,8 @@ impl Fact {
 #[derive(Clone, Debug)]
 pub(super) struct Facts {
     pub channels: [Vec<Fact>; 3],
+    /// Their fractions where exposures may be judged by them, NaN elsewhere.
+    pub judged: [Vec<f32>; 3],
     /// Fraction at which a channel clips.
     pub clip: [f32; 3],
 }
@@ -41,7 +44,9 @@ impl Facts {
     pub fn new(settings: &MergeSettings, max: u16) -> Self {
         let of = |channel| (0..=max).map(|code| fact(settings, channel, f64::from(code), f64::from(max))).collect();
         let clip = [0, 1, 2].map(|channel| fraction(settings, channel, settings.clip) as f32);
-        Facts { channels: [0, 1, 2].map(of), clip }
+        let channels: [Vec<Fact>; 3] = [0, 1, 2].map(of);
+        let judged = channels.each_ref().map(|facts| facts.iter().map(well_measured).collect());
+        Facts { channels, judged, clip }
     }
 }
 
@@ -66,8 +71,9 @@ fn fact(settings: &MergeSettings, channel: usize, code: f64, max: f64) -> Fact {
     Fact { fraction: fraction as f32, width: variance as f32 }
 }
 
-/// What the merging loop adds per code: weight x t^2, weight x fraction x t, weight x fraction^2, and the share in the
-/// limit of the sum of squares; all 0 where clipped. Weight = inverse variance of the fraction, t = relative exposure.
+/// What the merging loop adds per code: weight x t^2, weight x fraction x t, weight x fraction^2 less the share in the limit
+/// of the sum of squares, and a place that fills 16 bytes; all 0 where clipped. Weight = inverse variance of the fraction,
+/// t = relative exposure.
 pub(super) type Entry = [f32; 4];
 
 /// A frame's tables, kept from series to series while its exposure stays.
@@ -113,7 +119,7 @@ fn entry(fact: &Fact, t: f32, noise: &SensorNoise, gain: f64) -> Entry {
     }
     let weight = 1.0 / fact.variance(noise, gain);
     let weighted = weight * fact.fraction;
-    [weight * t * t, weighted * t, weighted * fact.fraction, LIMIT_PER_SAMPLE]
+    [weight * t * t, weighted * t, weighted * fact.fraction - LIMIT_PER_SAMPLE, 0.0]
 }
 
 /// Which of the two formats a frame's codes have: 0 for 8 bits, 1 for 16.
