@@ -126,7 +126,8 @@ fn row_height(row: usize, height: usize) -> f32 {
     (edge(row) - edge(row + 1)) as f32
 }
 
-/// Traces the picture of `scene` as `camera` sees it under `environment`, `samples` paths per pixel.
+/// Traces the picture of `scene`, which is shaded by Lambert, as `camera` sees it under `environment`, `samples` paths per
+/// pixel.
 /// The same seed gives the same picture, whatever the number of threads.
 pub fn reference(
     scene: &Scene,

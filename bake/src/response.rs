@@ -5,7 +5,8 @@
 //! surfaces, each patch from a rotating share of the strata, or from all of them where pixel or patch is not uniform, and
 //! (b) from every further surface of the paths that go on from there, one patch out of each group of neighbours, so
 //! that over the pixel's paths every patch of a group has the same number of rays. A path that escapes adds nothing:
-//! all light comes by aimed rays.
+//! all light comes by aimed rays, but for narrow reflection lobes. Aimed rays and paths that follow such a lobe find its
+//! light both, and share it by the power heuristic (gloss.rs).
 
 use glam::Vec3A;
 use relume_firmware::patches::PatchSet;
