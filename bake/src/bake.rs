@@ -11,6 +11,7 @@ use crate::report::Report;
 use crate::response::TransportOptions;
 use crate::scene::Scene;
 use crate::stack::StackError;
+use crate::survey::{Notice, survey};
 use crate::viewpoint::TransportError;
 use glam::Vec3;
 use relume_firmware::field::FieldError;
@@ -43,6 +44,8 @@ pub struct BakeOptions {
     pub test_maps: Vec<PathBuf>,
     /// Where blocks that are done are kept until the field is.
     pub ledger: Option<LedgerOptions>,
+    /// Told of what is allowed but seldom meant, once the bake has begun.
+    pub notify: Option<fn(&Notice)>,
     /// A picture of the bake while it runs, PNG.
     pub preview: Option<PathBuf>,
     /// Show a bar with the time left on a terminal.
@@ -81,6 +84,7 @@ impl Default for BakeOptions {
             site: None,
             test_maps: Vec::new(),
             ledger: None,
+            notify: None,
             preview: None,
             progress: true,
         }
@@ -159,6 +163,9 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
         Ok::<_, BakeError>(Ledger::open(&kept.path, bake, kept.resume, |block| intake.take(block))?)
     };
     let mut ledger = options.ledger.as_ref().map(open).transpose()?;
+    if let Some(notify) = options.notify {
+        survey(scene, camera, options.size).iter().for_each(notify);
+    }
     job.run(intake.assembly.next()..job.blocks(), options.progress, |block| {
         ledger.as_mut().map(|ledger| ledger.append(&block)).transpose()?;
         intake.take(block);

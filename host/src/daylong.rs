@@ -26,8 +26,9 @@ use serde::Serialize;
 pub const ENDS_DEG: f64 = -8.0;
 /// Rows of the map that the true sky is taken from.
 const TRUTH_ROWS: usize = 192;
-/// A plan that comes back within so many series flaps.
+/// A plan flaps that comes back within so many series and so many seconds, or after one series with another.
 const FLAP_SERIES: usize = 6;
+const FLAP_S: f64 = 3600.0;
 
 /// One moment of the day.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -200,7 +201,10 @@ fn flaps(moments: &[Moment]) -> usize {
     let came_back = |at: &usize| {
         let (now, before) = (plan(&moments[*at]), plan(&moments[at - 1]));
         let soon = &moments[at.saturating_sub(FLAP_SERIES)..at - 1];
-        now != before && soon.iter().any(|m| plan(m) == now)
+        // Morning and evening of a day of few moments may well ask for the same.
+        let is_soon = |m: &Moment| moments[*at].unix_s - m.unix_s <= FLAP_S;
+        let flips = *at >= 2 && plan(&moments[at - 2]) == now;
+        now != before && (flips || soon.iter().any(|m| plan(m) == now && is_soon(m)))
     };
     (1..moments.len()).filter(came_back).count()
 }

@@ -93,15 +93,20 @@ impl Outcome {
         self
     }
 
-    /// Checks a refusal: this exit code, and exactly one line on standard error, of the program, that names `parts`.
+    /// Checks a refusal: this exit code, and exactly one line on standard error beside notices about the scene, of the program,
+    /// that names `parts`.
     ///
     /// # Panics
     /// If it is anything else.
     pub fn refused(&self, code: i32, parts: &[&str]) {
-        let told = &self.stderr;
+        let told: String = self
+            .stderr
+            .lines()
+            .filter(|line| !line.starts_with("notice: "))
+            .fold(String::new(), |told, line| told + line + "\n");
         assert_eq!(self.code, Some(code), "{told}");
         assert!(
-            told.starts_with("relume") && told.ends_with('\n') && told.lines().count() == 1,
+            told.starts_with("relume") && self.stderr.ends_with('\n') && told.lines().count() == 1,
             "not one line: {told}"
         );
         assert!(!told.contains("panicked"), "{told}");

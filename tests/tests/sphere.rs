@@ -16,7 +16,18 @@ fn slab() -> PathBuf {
     let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "sphere");
     put(&folder.join("scene.glb"), glb(&[cuboid([-9.0, 1.0, -9.0], [9.0, 1.5, 9.0], ALBEDO)], None));
     put(&folder.join("camera.json"), r#"{"position":[0,0,0],"target":[0.1,1,0.2],"up":[0,0,1],"fov_y_deg":20}"#);
-    let bake = ["scene", "scene.glb", "--camera", "camera.json", "--size", "24x16", "--max-hits", "1"];
+    let bake = [
+        "scene",
+        "scene.glb",
+        "--camera",
+        "camera.json",
+        "--size",
+        "24x16",
+        "--max-hits",
+        "1",
+        "--materials",
+        "lambert",
+    ];
     bake_in(&folder, &[&bake[..], &["--sphere", "--directions", "96", "-o", "a.field"]].concat()).well();
     folder
 }

@@ -93,9 +93,10 @@ pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     arguments.options.spool_folder = folder.to_owned();
     let source = Source::open(stack).or_bad()?;
-    eprintln!("{}: {}, {} pictures", source.place.display(), source.kind, source.pictures.len());
+    let told_of = format!("{}: {}, {} pictures", source.place.display(), source.kind, source.pictures.len());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads).build().or_runtime()?;
     let baked = pool.install(|| import(source, &arguments.options)).map_err(told)?;
+    eprintln!("{told_of}");
     let negative = baked.report.imported.as_ref().map_or(0, |imported| imported.negative_values);
     if negative > 0 {
         eprintln!("{negative} values are below 0, which no light is; they count as 0");

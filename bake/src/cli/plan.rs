@@ -1,6 +1,7 @@
 //! `relume-bake plan`: what a bake in shares will be made of.
 
 use super::arguments::{Arguments, scene_and_camera, told};
+use super::scene::tell;
 use super::{HELP, print};
 use crate::plan::Plan;
 use crate::survey::survey;
@@ -22,10 +23,10 @@ pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     let camera_file = arguments.camera.as_deref();
     let (scene, camera, names) = scene_and_camera(scene_file, camera_file, arguments.shading)?;
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    survey(&scene, &camera, options.size).iter().for_each(|notice| eprintln!("notice: {notice}"));
     let options = arguments.sampled((&scene, &camera, &names), options)?;
     let plan = Plan::new((&scene, &camera), (scene_file, camera_file), &options, folder);
     let plan = plan.map_err(|error| told(error, &names))?;
+    survey(&scene, &camera, options.size).iter().for_each(tell);
     write::save(out, plan.to_toml().as_bytes())?;
     print(&if arguments.json {
         format!("{{\"tiles\":{}}}\n", plan.tiles)

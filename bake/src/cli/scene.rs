@@ -8,7 +8,7 @@ use crate::job::Job;
 use crate::ledger::Ledger;
 use crate::plan::Plan;
 use crate::reportpage::{self, Subject};
-use crate::survey::survey;
+use crate::survey::Notice;
 use crate::write;
 use relume_firmware::field::Field;
 use relume_firmware::glue::failure::{Failure, OrFail};
@@ -24,6 +24,11 @@ pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     }
 }
 
+/// Tells what is seldom meant.
+pub(super) fn tell(notice: &Notice) {
+    eprintln!("notice: {notice}");
+}
+
 /// The file that an unfinished one grows in.
 fn part_of(out: &Path) -> PathBuf {
     let mut name = out.as_os_str().to_owned();
@@ -33,7 +38,7 @@ fn part_of(out: &Path) -> PathBuf {
 
 fn bake_whole(arguments: &Arguments) -> Result<(), Failure> {
     let (scene, out) = (arguments.scene("scene")?, arguments.out("scene")?);
-    let mut options = arguments.options("scene")?;
+    let mut options = BakeOptions { notify: Some(tell), ..arguments.options("scene")? };
     if options.stack_sun.is_some() && options.stack.is_none() {
         return Err(Failure::bad("--sun goes with --stack DIR: it asks for the stack's sun.exr"));
     }
@@ -51,7 +56,6 @@ fn bake_whole(arguments: &Arguments) -> Result<(), Failure> {
     if options.stack.is_none() && !is_device(out) {
         options.ledger = Some(LedgerOptions { path: part_of(out), resume: arguments.resume });
     }
-    survey(&scene, &camera, options.size).iter().for_each(|notice| eprintln!("notice: {notice}"));
     let options = arguments.sampled((&scene, &camera, &names), options)?;
     let baked = arguments.on_threads(|| bake(&scene, &camera, &options))?;
     let baked = baked.map_err(|error| told(error, &names))?;

@@ -53,6 +53,8 @@ impl Spool {
         for (block, &place) in self.places.iter().enumerate().filter(|(_, place)| **place != NONE) {
             let (x0, y0) = (block % self.columns * EDGE, block / self.columns * EDGE);
             let width = EDGE.min(self.size.0 - x0);
+            // What lies beyond the picture is 0, not what another block had there.
+            bytes.fill(0);
             for y in y0..(y0 + EDGE).min(self.size.1) {
                 let row = &rgb[3 * (y * self.size.0 + x0)..][..3 * width];
                 let to = &mut bytes[12 * (y - y0) * EDGE..][..12 * width];

@@ -221,7 +221,7 @@ pub unsafe extern "C" fn relume_patches(
 ) -> RelumeError {
     code(|| {
         // SAFETY: this function's own contract.
-        let set = *unsafe { Relume::get(object) }?.relighting().field().patch_set();
+        let set = unsafe { Relume::get(object) }?.relighting().field().patch_set();
         if patches.is_null() {
             return Err(RelumeError::NullPointer);
         }
