@@ -83,7 +83,7 @@ fn error_map(folder: &Path, subject: &Subject<'_>, page: &mut String) -> Result<
     for (tile, codes) in subject.light.code_errors(field, subject.exact, index)?.into_iter().enumerate() {
         map.fill(field, tile, |pixel| codes.get(pixel).copied().map(f64::from));
     }
-    let caption = format!("Code errors of the brightest-off channel under the sky '{}', the worst", sky.sky);
+    let caption = format!("Largest code error of a pixel's channels under the sky '{}', the worst of all", sky.sky);
     map.write(folder, "error.png", &caption, page)
 }
 
