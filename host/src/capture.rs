@@ -11,7 +11,6 @@
 //!   are brighter than the clear sky behind them), times what the aureole tells of it (`capture/beam.rs`).
 //! - The lower hemisphere, which the camera does not see, is ground albedo x horizontal irradiance / pi.
 
-mod aureole;
 mod beam;
 mod intake;
 mod shares;
@@ -26,7 +25,7 @@ use crate::smooth::SmoothSky;
 use crate::split::{MIN_DISC_CONTRAST, MIN_IRRADIANCE_SHARE};
 use crate::sun::{SunPosition, dir_world};
 use crate::weights::{PatchWeights, SunWeight, sun_solid_angle_sr};
-use beam::{Beam, ClearSky};
+use beam::Beam;
 use intake::Intake;
 use relume_firmware::patches::PatchSet;
 use shares::Shares;
@@ -395,8 +394,8 @@ impl Capture {
         }
         self.ratios.sort_unstable_by(f32::total_cmp);
         let quarters = [self.ratios.len() / 4, self.ratios.len() / 2].map(|at| f64::from(self.ratios[at]));
+        let (share, unit) = self.beam.look(&self.spot.near, &model, quarters);
         let beam = clear_beam(position.altitude_deg as f32, self.settings.turbidity);
-        let (share, unit) = self.beam.look(&self.spot.near, &ClearSky { model: &model, beam, quarters });
         (beam.map(|v| v * (unit * share) as f32), share)
     }
 }

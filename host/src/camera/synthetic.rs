@@ -25,9 +25,6 @@ use sensor::{Sensor, Shot, splitmix};
 pub use settings::{REC709, SyntheticSettings};
 use std::collections::VecDeque;
 
-/// Distance from the sun within which the sky is not taken from a map, degrees.
-const SHARP_DEG: f32 = 8.0;
-
 /// See the module's text.
 pub struct SyntheticCamera {
     settings: SyntheticSettings,
@@ -199,7 +196,6 @@ impl SyntheticCamera {
             for ((value, pixel), taps) in self.truth.iter_mut().zip(&self.seen).zip(&self.taps) {
                 *value = if pixel.dir[1] < 0.0 { ground } else { map.mix(taps) };
             }
-            self.sharpen_around_sun();
             self.add_sun();
         }
         let mut light = std::mem::take(&mut self.light);
@@ -224,18 +220,6 @@ impl SyntheticCamera {
             own.map(|v| v * passed)
         }));
         self.settings.glare.scatter(&self.seen, (self.settings.width, self.settings.height), into);
-    }
-
-    /// Around the sun the sky is taken as it is, not from the map: it is steep there, and a cloud's edge is as sharp in the
-    /// picture as it is before the disc.
-    fn sharpen_around_sun(&mut self) {
-        let (sun, least) = (self.sky.sun_dir(), SHARP_DEG.to_radians().cos());
-        for (value, pixel) in self.truth.iter_mut().zip(&self.seen) {
-            let cosine: f32 = (0..3).map(|k| pixel.dir[k] * sun[k]).sum();
-            if cosine > least && pixel.dir[1] >= 0.0 {
-                *value = self.sky.radiance(pixel.dir);
-            }
-        }
     }
 
     /// Adds the sun's disc; pixels share it by the area of the disc they see.

@@ -6,7 +6,6 @@ use crate::bracket::{Merged, PixelState};
 use crate::lens::Lens;
 use crate::map::luminance;
 use crate::split::SUN_RADIUS_DEG;
-use crate::weights::SUN_DIAMETER_DEG;
 
 /// The ring from which the sky behind the sun is in-painted reaches out to this many radii.
 const RING: f32 = 1.6;
@@ -15,9 +14,7 @@ const BLOB_SHARE: f32 = 0.3;
 /// Widest blob, degrees.
 const MAX_BLOB_DEG: f32 = 5.0;
 /// Pixels of the aureole that are looked at, about.
-const AUREOLE_PIXELS: usize = 1000;
-/// A pixel farther from the disc than this many pixels holds nothing of it.
-const OFF_DISC: f32 = 0.85;
+const AUREOLE_PIXELS: usize = 600;
 
 /// A pixel near the sun, with the square of its chord from it.
 #[derive(Clone, Copy, Debug)]
@@ -62,9 +59,7 @@ impl SunSpot {
         if !self.inpaint(picture, inner, outer) {
             return false;
         }
-        let is_blob = radius_deg > least_radius_deg(pixel_deg);
-        let disc_deg = 0.5 * SUN_DIAMETER_DEG as f32 + OFF_DISC * pixel_deg;
-        self.around(picture, sun_dir, if is_blob { radius_deg + pixel_deg } else { disc_deg });
+        self.around(picture, chord(radius_deg + pixel_deg).powi(2));
         true
     }
 
@@ -96,7 +91,7 @@ impl SunSpot {
 
     /// 1 degree, one and a half pixels, or as far as the clipped blob around the sun reaches.
     fn radius_deg(&self, merged: &Merged, pixel_deg: f32) -> f32 {
-        let mut radius = least_radius_deg(pixel_deg);
+        let mut radius = (SUN_RADIUS_DEG as f32).max(1.5 * pixel_deg);
         while radius < MAX_BLOB_DEG {
             let (from, to) = (chord(radius).powi(2), chord(radius + pixel_deg).powi(2));
             let (mut ring, mut clipped) = (0.0, 0.0);
@@ -144,26 +139,16 @@ impl SunSpot {
         !self.spot.is_empty() && ring_omega > 0.0
     }
 
-    /// Unclipped pixels of the aureole from a distance on.
-    fn around(&mut self, picture: &SkyPicture<'_>, sun_dir: [f32; 3], from_deg: f32) {
-        let inner = chord(from_deg).powi(2);
+    /// Unclipped pixels of the aureole.
+    fn around(&mut self, picture: &SkyPicture<'_>, inner: f32) {
         let outside = |place: &&Place| place.apart > inner;
         let step = (self.places.len() / AUREOLE_PIXELS).max(1);
-        let level = sun_dir[0].hypot(sun_dir[2]).max(1e-6);
-        let east = [-sun_dir[2] / level, 0.0, sun_dir[0] / level];
-        let north = [sun_dir[1] * east[2], sun_dir[2] * east[0] - sun_dir[0] * east[2], -sun_dir[1] * east[0]];
         for place in self.places.iter().filter(outside).step_by(step) {
             let pixel = place.pixel as usize;
             if picture.merged.state[pixel] == PixelState::Valid {
                 let (dir, omega, value) = (picture.dirs[pixel], picture.omegas[pixel], picture.sky[pixel]);
-                let at_deg = [east, north].map(|axis| (0..3).map(|k| dir[k] * axis[k]).sum::<f32>().to_degrees());
-                self.near.push(Near { dir, omega, at_deg, value });
+                self.near.push(Near { dir, omega, value });
             }
         }
     }
-}
-
-/// The spot's radius where nothing around the disc is clipped.
-fn least_radius_deg(pixel_deg: f32) -> f32 {
-    (SUN_RADIUS_DEG as f32).max(1.5 * pixel_deg)
 }
