@@ -164,7 +164,7 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     };
     let mut ledger = options.ledger.as_ref().map(open).transpose()?;
     if let Some(notify) = options.notify {
-        survey(scene, camera, options.size).iter().for_each(notify);
+        survey(scene, &job.transport.tracer.geometry, &job.transport.view, options.size).iter().for_each(notify);
     }
     job.run(intake.assembly.next()..job.blocks(), options.progress, |block| {
         ledger.as_mut().map(|ledger| ledger.append(&block)).transpose()?;

@@ -212,7 +212,7 @@ fn true_code(radiance: f32, exposure: f64) -> u8 {
 }
 
 /// 0.8 / the 99th percentile (linear between neighbours); `None` of what is not lit.
-fn exposure_for(mut values: Vec<f32>) -> Option<f32> {
+pub(crate) fn exposure_for(mut values: Vec<f32>) -> Option<f32> {
     let place = 0.99 * values.len().checked_sub(1)? as f64;
     let (_, &mut low, above) = values.select_nth_unstable_by(place as usize, f32::total_cmp);
     let high = above.iter().copied().min_by(f32::total_cmp).unwrap_or(low);

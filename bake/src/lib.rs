@@ -32,6 +32,7 @@ pub mod noise;
 pub mod normalmap;
 mod path;
 pub mod plan;
+pub mod png;
 pub mod preview;
 pub mod prior;
 pub mod progress;

@@ -3,13 +3,12 @@
 //! It costs nothing but the writing, since each block's sums under the held-out skies are there already. It shows the light of
 //! one of these skies, without a sun.
 
-use crate::error::ExactTile;
+use crate::error::{ExactTile, exposure_for};
 use crate::job::DoneBlock;
-use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
-use relume_firmware::glue::outfile::{OutError, write_whole};
+use crate::png::write_png;
+use relume_firmware::glue::outfile::OutError;
 use relume_firmware::tile::{TILE_PX, covered_pixels};
 use relume_firmware::tone::srgb_code;
-use std::io::{Error, Write};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -17,9 +16,6 @@ use std::time::{Duration, Instant};
 pub const PREVIEW_SKY: &str = "hazy";
 /// How often the file is written.
 const EVERY: Duration = Duration::from_secs(3);
-/// The design's exposure: this over the percentile of what is covered.
-const BRIGHT: f32 = 0.8;
-const PERCENTILE: f64 = 0.99;
 
 /// Pixels of a part of a picture, in its own size.
 #[derive(Clone, Debug, Default)]
@@ -55,7 +51,7 @@ impl Preview {
     /// A preview of a picture of `size`, blurred as `small` is, under the sky with index `sky`; written at once.
     pub fn new(file: PathBuf, size: (u32, u32), sky: usize, small: &SmallPicture) -> Self {
         let lit: Vec<f32> = small.parts.iter().flat_map(|part| of_sky(&part.exact, sky)).copied().collect();
-        let exposure = BRIGHT / percentile(lit).unwrap_or(BRIGHT);
+        let exposure = exposure_for(lit).unwrap_or(1.0);
         let pixels = vec![[0; 4]; size.0 as usize * size.1 as usize];
         let mut preview = Preview { file, size, sky, exposure, pixels, written: None };
         preview.spread(small);
@@ -117,21 +113,12 @@ impl Preview {
     /// # Errors
     /// [`OutError`]: the place cannot be written, or the disk is full.
     pub fn write(&self) -> Result<(), OutError> {
-        let (mut png, (width, height)) = (Vec::new(), self.size);
-        let encoded =
-            PngEncoder::new(&mut png).write_image(self.pixels.as_flattened(), width, height, ExtendedColorType::Rgba8);
-        write_whole(&self.file, |out| encoded.map_err(Error::other).and_then(|()| out.write_all(&png)))
+        write_png(&self.file, self.size, &self.pixels)
     }
 }
 
 fn of_sky(exact: &ExactTile, sky: usize) -> &[f32] {
     exact.by_sky().nth(sky).unwrap_or(&[])
-}
-
-fn percentile(mut values: Vec<f32>) -> Option<f32> {
-    let place = (PERCENTILE * values.len().checked_sub(1)? as f64) as usize;
-    let (_, bright, _) = values.select_nth_unstable_by(place, f32::total_cmp);
-    Some(*bright).filter(|bright| *bright > 0.0 && bright.is_finite())
 }
 
 #[cfg(test)]
@@ -148,8 +135,8 @@ mod tests {
         assert!(preview.written.is_some());
         let png = image::open(file).unwrap().into_rgba8();
         assert_eq!(png.dimensions(), (7, 4));
-        // The percentile of three values is the middle one here: 0.2 is 0.8, under half coverage more than white.
-        assert_eq!(png.get_pixel(6, 1).0, [231, 255, 255, 128]);
+        // The percentile of 0.1, 0.2, 0.4 is 0.396, shown as 0.8; a pixel half covered is shown as bright as what covers it.
+        assert_eq!(png.get_pixel(6, 1).0, [170, 232, 255, 128]);
         assert_eq!(png.get_pixel(3, 0).0[3], 128);
         assert_eq!((png.get_pixel(2, 1).0[3], png.get_pixel(6, 2).0[3]), (0, 0));
     }

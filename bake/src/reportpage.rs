@@ -5,8 +5,8 @@
 use crate::error::{ExactTile, TestLight};
 use crate::info::Info;
 use crate::noise::Noise;
+use crate::png::write_png;
 use crate::report::Report;
-use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use relume_firmware::field::Field;
 use relume_firmware::glue::outfile::{OutError, write_whole};
 use relume_firmware::patches::PatchSet;
@@ -151,12 +151,7 @@ impl Map {
         let share = |value: f64| if top > 0.0 { (value / top).clamp(0.0, 1.0) } else { 0.0 };
         let rgba = |value: &Option<f64>| value.map_or([0; 4], |value| ramp(share(value)));
         let pixels: Vec<[u8; 4]> = self.values.iter().map(rgba).collect();
-        let (mut png, width, height) = (Vec::new(), self.width as u32, self.height as u32);
-        let encoded =
-            PngEncoder::new(&mut png).write_image(pixels.as_flattened(), width, height, ExtendedColorType::Rgba8);
-        write_whole(&folder.join(file), |out| {
-            encoded.map_err(std::io::Error::other).and_then(|()| out.write_all(&png))
-        })?;
+        write_png(&folder.join(file), (self.width as u32, self.height as u32), &pixels)?;
         let _ = write!(
             page,
             "<figure><img src={file} alt=\"\"><figcaption>{}: black 0, light yellow {top:.3}{}.</figcaption></figure>",

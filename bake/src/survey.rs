@@ -3,7 +3,7 @@
 //! A coarse grid of rays tells what the picture shows; what is wrong where nobody looks is not told. The thresholds are
 //! rules of thumb: each notice says what was found, so that whoever meant it can go on.
 
-use crate::camera::{Camera, CameraView};
+use crate::camera::CameraView;
 use crate::geometry::{Cone, Geometry, Hit, Surface, may_let_light_through};
 use crate::scene::Scene;
 use crate::strata::{Grid, hash};
@@ -38,8 +38,7 @@ struct Look {
 }
 
 /// Looks at `scene` as the camera sees it.
-pub fn survey(scene: &Scene, camera: &Camera, size: (u32, u32)) -> Vec<Notice> {
-    let (geometry, view) = (&Geometry::new(scene), &camera.view(size.0, size.1));
+pub fn survey(scene: &Scene, geometry: &Geometry<'_>, view: &CameraView, size: (u32, u32)) -> Vec<Notice> {
     let looks = looks(scene, geometry, view, size);
     let mut notices: Vec<Notice> = Vec::new();
     notices.extend(scale(&looks));

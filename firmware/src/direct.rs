@@ -267,6 +267,21 @@ fn normal_at(at: Vec3, [v0, v1, v2]: &[Vec3; 3], normals: &[Vec3; 3], across: Ve
     unit(add(mul(normals[0], 1.0 - u - v), add(mul(normals[1], u), mul(normals[2], v))))
 }
 
+/// What a fragment's record says: the surface where the pixel sees it.
+fn facet_of(casters: &Casters<'_>, fragment: &[u8], rays: &ViewRays, pixel: (usize, usize)) -> Facet {
+    let caster = casters.get(u32_at(fragment, 0));
+    Facet::new(&caster, strata_of(fragment), rays, pixel, casters.diagonal() * LIFT_SCENE)
+}
+
+fn strata_of(fragment: &[u8]) -> u16 {
+    u16_at(fragment, 4)
+}
+
+/// Albedo times share of the pixel.
+fn albedo_of(fragment: &[u8]) -> Vec3 {
+    core::array::from_fn(|c| f32::from(u16_at(fragment, 6 + 2 * c)) / 32768.0)
+}
+
 /// Direct response of one pixel: sum over its fragments of albedo/pi times the mean of cosine times visibility.
 pub(crate) fn direct_pixel(
     casters: &Casters<'_>,
@@ -277,14 +292,9 @@ pub(crate) fn direct_pixel(
 ) -> Vec3 {
     let mut rgb = [0.0f32; 3];
     let mut suspects = Suspects::NONE;
-    let lift_scene = casters.diagonal() * LIFT_SCENE;
     for fragment in fragments.chunks_exact(FRAGMENT) {
-        let caster = casters.get(u32_at(fragment, 0));
-        let facet = Facet::new(&caster, u16_at(fragment, 4), rays, pixel, lift_scene);
-        let mean = facet.lit(casters, disc, &mut suspects) * core::f32::consts::FRAC_1_PI;
-        for (c, value) in rgb.iter_mut().enumerate() {
-            *value += f32::from(u16_at(fragment, 6 + 2 * c)) / 32768.0 * mean;
-        }
+        let mean = facet_of(casters, fragment, rays, pixel).lit(casters, disc, &mut suspects);
+        rgb = add(rgb, mul(albedo_of(fragment), mean * core::f32::consts::FRAC_1_PI));
     }
     rgb
 }
@@ -299,17 +309,12 @@ pub(crate) fn glossy_pixel(
 ) -> Vec3 {
     let mut rgb = [0.0f32; 3];
     let mut suspects = Suspects::NONE;
-    let lift_scene = casters.diagonal() * LIFT_SCENE;
     for (fragment, record) in fragments.chunks_exact(FRAGMENT).zip(lobes.chunks_exact(GLOSS)) {
-        let (caster, strata) = (casters.get(u32_at(fragment, 0)), u16_at(fragment, 4));
-        let facet = Facet::new(&caster, strata, rays, pixel, lift_scene);
+        let facet = facet_of(casters, fragment, rays, pixel);
         let gloss = Gloss::decode(record);
         let (base, specular) = facet.lit_glossy(casters, disc, &mut suspects, (&gloss, rays.origin));
-        let share = strata.count_ones() as f32 / PIXEL_POINTS as f32;
-        for (c, value) in rgb.iter_mut().enumerate() {
-            let albedo = f32::from(u16_at(fragment, 6 + 2 * c)) / 32768.0;
-            *value += albedo * base * core::f32::consts::FRAC_1_PI + share * specular[c];
-        }
+        let share = strata_of(fragment).count_ones() as f32 / PIXEL_POINTS as f32;
+        rgb = add(rgb, add(mul(albedo_of(fragment), base * core::f32::consts::FRAC_1_PI), mul(specular, share)));
     }
     rgb
 }

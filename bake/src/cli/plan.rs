@@ -3,6 +3,7 @@
 use super::arguments::{Arguments, scene_and_camera, told};
 use super::scene::tell;
 use super::{HELP, print};
+use crate::geometry::Geometry;
 use crate::plan::Plan;
 use crate::survey::survey;
 use crate::write;
@@ -26,7 +27,9 @@ pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     let options = arguments.sampled((&scene, &camera, &names), options)?;
     let plan = Plan::new((&scene, &camera), (scene_file, camera_file), &options, folder);
     let plan = plan.map_err(|error| told(error, &names))?;
-    survey(&scene, &camera, options.size).iter().for_each(tell);
+    survey(&scene, &Geometry::new(&scene), &camera.view(options.size.0, options.size.1), options.size)
+        .iter()
+        .for_each(tell);
     write::save(out, plan.to_toml().as_bytes())?;
     print(&if arguments.json {
         format!("{{\"tiles\":{}}}\n", plan.tiles)

@@ -1,6 +1,7 @@
 //! Scenes with one fault each, and the same without it.
 
 use super::*;
+use crate::camera::Camera;
 use crate::response::tests::{camera, quads};
 use glam::Vec3;
 
@@ -38,8 +39,12 @@ fn hut(albedo: f32) -> Scene {
     block([-3.0, 0.0, -3.0], [3.0, 4.0, 3.0], albedo)
 }
 
+fn seen_by(scene: &Scene, camera: &Camera) -> Vec<Notice> {
+    survey(scene, &Geometry::new(scene), &camera.view(SIZE.0, SIZE.1), SIZE)
+}
+
 fn notices(scene: &Scene, position: [f64; 3]) -> Vec<Notice> {
-    survey(scene, &camera(position, [0.0, 2.0, 0.0], 40.0), SIZE)
+    seen_by(scene, &camera(position, [0.0, 2.0, 0.0], 40.0))
 }
 
 const EYE: [f64; 3] = [8.0, 1.7, 9.0];
@@ -63,7 +68,7 @@ fn paint_whiter_than_snow_is_told() {
 fn centimetres_are_told() {
     let mut scene = hut(0.5);
     scene.triangles.iter_mut().flat_map(|t| &mut t.positions).for_each(|p| *p *= 1000.0);
-    let all = survey(&scene, &camera(EYE.map(|c| 1000.0 * c), [0.0, 2000.0, 0.0], 40.0), SIZE);
+    let all = seen_by(&scene, &camera(EYE.map(|c| 1000.0 * c), [0.0, 2000.0, 0.0], 40.0));
     only(&all, "glTF counts in metres");
 }
 
@@ -91,7 +96,7 @@ fn walls_like_paper_are_told() {
 
 #[test]
 fn a_camera_under_the_ground_is_told() {
-    let below = survey(&hut(0.5), &camera([8.0, -0.4, 9.0], [0.0, -0.4, 0.0], 60.0), SIZE);
+    let below = seen_by(&hut(0.5), &camera([8.0, -0.4, 9.0], [0.0, -0.4, 0.0], 60.0));
     assert!(below.iter().any(|notice| notice.contains("0.40 m under the ground")), "{below:?}");
     // Under a roof is not under the ground.
     assert_eq!(notices(&hut(0.5), [0.0, 1.7, 20.0]), Vec::<Notice>::new());

@@ -250,7 +250,7 @@ pub unsafe extern "C" fn relume_coverage(
 ) -> RelumeError {
     code(|| {
         // SAFETY: this function's own contract.
-        let field = *unsafe { Relume::get(object) }?.relighting().field();
+        let field = unsafe { Relume::get(object) }?.relighting().field();
         let (width, height) = (field.width(), field.height());
         if coverage.is_null() {
             return Err(RelumeError::NullPointer);

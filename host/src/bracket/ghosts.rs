@@ -13,7 +13,8 @@ use crate::camera::Frame;
 pub(super) const MOST_FRAMES: usize = 32;
 const SIGMAS: f32 = 3.5;
 const SYSTEMATIC: f32 = 0.03;
-/// Votes of the reference frame's group, and of a group that equals the sky around.
+/// Votes of the reference frame's group, of it where the frame before or after confirms it, and of a group that equals the sky
+/// around.
 const REFERENCE_VOTES: f32 = 3.0;
 const STANDING_VOTES: f32 = 9.0;
 const SURROUNDINGS_VOTES: f32 = 6.0;
