@@ -6,7 +6,9 @@ use crate::camera::Camera;
 use crate::error::{ExactTile, TestLight};
 use crate::job::{DoneBlock, Job};
 use crate::noise::{Noise, covered_tiles, some_of};
+use crate::receivers::nested;
 use crate::report::Report;
+use crate::scene::Role;
 use crate::viewpoint::TransportError;
 use crate::write::FieldWriter;
 use relume_firmware::field::{Field, Header};
@@ -87,7 +89,12 @@ impl Assembly {
         options: &BakeOptions,
         took: Duration,
     ) -> Result<Baked, BakeError> {
-        if self.close(took).light_mean < DARK_LIGHT {
+        let is_virtual = job.part.shows == Role::Virtual;
+        let light_mean = self.close(took).light_mean;
+        if is_virtual && self.writer.covered() == 0 && !job.part.scene.roles.is_empty() {
+            return Err(BakeError::NothingVirtual);
+        }
+        if is_virtual && light_mean < DARK_LIGHT {
             let position = camera.position.map(|c| c as f32);
             return Err(TransportError::Dark { position }.into());
         }
@@ -99,6 +106,18 @@ impl Assembly {
         let casters = job.compressor.casters;
         let scene = [casters.casters, casters.nodes, job.bounce.layer()];
         self.into_field(header(camera, job.patches, options), scene, job.test_light)
+    }
+
+    /// Puts receivers into the field: baked with the virtual geometry and without it. Where the camera sees none of them they
+    /// are left out.
+    ///
+    /// # Errors
+    /// [`BakeError::Unsound`], which is a fault of this program.
+    pub fn set_receivers(&mut self, with: &Baked, without: &Baked) -> Result<(), BakeError> {
+        if Field::new(&with.bytes)?.header().covered > 0 {
+            self.writer.set_receivers(nested(&with.bytes)?, without.bytes.clone());
+        }
+        Ok(())
     }
 
     /// Closes the sums of the report, which may be added to.

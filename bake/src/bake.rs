@@ -1,9 +1,9 @@
 //! A whole bake: scene -> blocks -> field bytes, from where an interrupted one stopped if asked to.
 
-use crate::assembly::Assembly;
 use crate::camera::Camera;
 use crate::error::{ExactTile, TestLight};
-use crate::job::{DoneBlock, Job};
+use crate::job::DoneBlock;
+use crate::jobs::{self, Jobs, Scenes};
 use crate::ledger::{Ledger, LedgerError};
 use crate::plan::{PlanError, identity};
 use crate::preview::{PREVIEW_SKY, Preview};
@@ -100,6 +100,11 @@ pub enum BakeError {
     /// Scene and camera do not give a picture.
     #[error(transparent)]
     Transport(#[from] TransportError),
+    /// Nothing of what the camera sees is virtual.
+    #[error(
+        "the camera sees receivers and occluders only: mark as relume = receiver what is really there and nothing else, or correct the camera's position or target"
+    )]
+    NothingVirtual,
     /// The stack could not be written.
     #[error(transparent)]
     Stack(#[from] StackError),
@@ -156,22 +161,24 @@ pub fn sun_dir_world([azimuth_deg, altitude_deg]: [f64; 2], north_deg: f64) -> V
 /// [`BakeError`].
 pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Baked, BakeError> {
     let started = Instant::now();
-    let job = Job::new(scene, camera, options)?;
-    let mut intake = Intake::new(&job, options);
+    let scenes = Scenes::new(scene);
+    let jobs = Jobs::new(&scenes, camera, options)?;
+    let mut intake = Intake::new(&jobs, options);
     let open = |kept: &LedgerOptions| {
-        let bake = (identity(scene, camera, options)?, 0..job.blocks());
+        let bake = (identity(scene, camera, options)?, 0..jobs.blocks());
         Ok::<_, BakeError>(Ledger::open(&kept.path, bake, kept.resume, |block| intake.take(block))?)
     };
     let mut ledger = options.ledger.as_ref().map(open).transpose()?;
     if let Some(notify) = options.notify {
-        survey(scene, &job.transport.tracer.geometry, &job.transport.view, options.size).iter().for_each(notify);
+        let transport = &jobs.main().transport;
+        survey(scene, &transport.tracer.geometry, &transport.view, options.size).iter().for_each(notify);
     }
-    job.run(intake.assembly.next()..job.blocks(), options.progress, |block| {
+    jobs.run(intake.all.next()..jobs.blocks(), options.progress, |block| {
         ledger.as_mut().map(|ledger| ledger.append(&block)).transpose()?;
         intake.take(block);
         Ok(())
     })?;
-    let baked = intake.assembly.finish(job, camera, options, started.elapsed());
+    let baked = intake.all.finish(jobs, camera, options, started.elapsed());
     if let (Err(_), Some(ledger)) = (&baked, ledger) {
         // Every block is there and they make no field: no second run would.
         ledger.discard();
@@ -184,21 +191,24 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
 
 /// Where blocks that are done go.
 struct Intake {
-    assembly: Assembly,
+    all: jobs::Intake,
+    /// Blocks that the preview shows.
+    virtual_blocks: u32,
     preview: Option<Preview>,
 }
 
 impl Intake {
-    fn new(job: &Job<'_>, options: &BakeOptions) -> Self {
+    fn new(jobs: &Jobs<'_>, options: &BakeOptions) -> Self {
+        let job = jobs.main();
         let sky = job.test_light.names().position(|name| name == PREVIEW_SKY).unwrap_or(0);
         let begin = |file: &PathBuf| Preview::new(file.clone(), options.size, sky, &job.small);
-        Intake { assembly: Assembly::new(job), preview: options.preview.as_ref().map(begin) }
+        Intake { all: jobs::Intake::new(jobs), virtual_blocks: job.blocks(), preview: options.preview.as_ref().map(begin) }
     }
 
     fn take(&mut self, block: DoneBlock) {
-        if let Some(preview) = &mut self.preview {
+        if let Some(preview) = self.preview.as_mut().filter(|_| block.number < self.virtual_blocks) {
             preview.add(&block);
         }
-        self.assembly.push(block);
+        self.all.push(block);
     }
 }

@@ -5,6 +5,7 @@
 use crate::bake::{BakeError, BakeOptions};
 use crate::camera::Camera;
 use crate::job::Job;
+use crate::part::Part;
 use crate::noise::{Noise, covered_tiles, some_of};
 use crate::response::TransportOptions;
 use crate::scene::Scene;
@@ -80,7 +81,7 @@ impl<'s> Trial<'s> {
     fn new(scene: &'s Scene, camera: &Camera, options: &BakeOptions) -> Result<Self, BakeError> {
         let started = Instant::now();
         let options = BakeOptions { stack: None, ..options.clone() };
-        let job = Job::new(scene, camera, &options)?;
+        let job = Job::new(Part::of_virtual(scene), camera, &options)?;
         let prepared = started.elapsed();
         let covered = covered_tiles(&job.transport);
         let tiles = some_of(&covered);

@@ -7,11 +7,11 @@ use crate::brightness::brightness;
 use crate::camera::Camera;
 use crate::error::{ExactTile, TestLight};
 use crate::heldout::{TestSky, captured, held_out};
-use crate::preview::{Part, SmallPicture};
+use crate::part::Part;
+use crate::preview::{self, SmallPicture};
 use crate::prior::Prior;
 use crate::progress::Progress;
 use crate::response::{TileResponse, Transport};
-use crate::scene::Scene;
 use crate::stack::{Manifest, ManifestSun, StackWriter};
 use crate::sun::SunDisc;
 use crate::sunlayers::CasterLayers;
@@ -65,6 +65,8 @@ pub struct Job<'s> {
     pub test_light: TestLight,
     /// The patches.
     pub patches: PatchSet,
+    /// What of the scene it is of.
+    pub part: Part<'s>,
     size: (u32, u32),
 }
 
@@ -76,34 +78,36 @@ impl<'s> Job<'s> {
     ///
     /// # Errors
     /// [`BakeError`].
-    pub fn new(scene: &'s Scene, camera: &Camera, options: &BakeOptions) -> Result<Self, BakeError> {
+    pub fn new(part: Part<'s>, camera: &Camera, options: &BakeOptions) -> Result<Self, BakeError> {
         let patches = options.patch_set()?;
         let maps: Result<Vec<TestSky>, MapError> =
             options.test_maps.iter().map(|path| captured(path, &patches)).collect();
         let test_light = TestLight::new(held_out(&patches).into_iter().chain(maps?).collect());
-        let transport = Transport::new(scene, camera, patches, options.size, options.transport)?;
-        let small_tiles = small_tiles(scene, camera, patches, options)?;
+        let transport = Transport::of(part, camera, patches, options.size, options.transport)?;
+        let small_tiles = small_tiles(part, camera, patches, options)?;
         let samples: Vec<f32> = small_tiles.1.iter().flat_map(|tile| tile.response.iter().copied()).collect();
         let (skies, whites) = brightness(Prior::for_set(&patches), &samples);
         let stack_sun = options.stack_sun.map(|sun| (sun, sun_dir_world(sun, camera.north_deg)));
         let stack = options.stack.as_deref().map(|dir| {
+            let dir = part.stack_folder.map_or(dir.to_owned(), |folder| dir.join(folder));
             let transport = &options.transport;
             let mut manifest =
                 Manifest::new(&patches, options.size, transport.max_hits, transport.seed, camera.north_deg);
             manifest.sun =
                 stack_sun.map(|([azimuth, altitude], dir)| ManifestSun::new(azimuth, altitude, dir.to_array()));
-            StackWriter::create(dir, manifest)
+            StackWriter::create(&dir, manifest)
         });
         let stack = stack.transpose()?;
         Ok(Job {
             bounce: transport.bounce_points(),
             transport,
             small: small_picture(small_tiles, &test_light),
-            compressor: BlockCompressor::new(skies, options.error, whites, CasterLayers::new(scene)),
+            compressor: BlockCompressor::new(skies, options.error, whites, CasterLayers::new(part.scene)),
             stack,
             stack_sun: stack_sun.map(|(_, dir)| SunDisc::new(dir)),
             test_light,
             patches,
+            part,
             size: options.size,
         })
     }
@@ -118,22 +122,11 @@ impl<'s> Job<'s> {
         block_count(self.size)
     }
 
-    /// Bakes the blocks `numbers` and hands each to `done`, in order and as soon as those before it are done.
+    /// Transport, stack and compression of a block.
     ///
     /// # Errors
-    /// [`BakeError`] of the stack or of `done`.
-    pub fn run(
-        &self,
-        numbers: Range<u32>,
-        progress: bool,
-        done: impl FnMut(DoneBlock) -> Result<(), BakeError> + Send,
-    ) -> Result<(), BakeError> {
-        let bar = progress.then(|| Progress::new("bake", u64::from(numbers.end.saturating_sub(numbers.start))));
-        in_order(numbers, bar.as_ref(), |number| self.block(number), done)
-    }
-
-    /// Transport, stack and compression of a block.
-    fn block(&self, number: u32) -> Result<DoneBlock, BakeError> {
+    /// [`BakeError`] of the stack.
+    pub fn block(&self, number: u32) -> Result<DoneBlock, BakeError> {
         let place = (number % self.grid().0, number / self.grid().0);
         let (columns, rows) = self.transport.tiles();
         let edge = BLOCK_TILES as u32;
@@ -204,7 +197,7 @@ impl<E, F: FnMut(DoneBlock) -> Result<(), E>> InOrder<F> {
 
 /// Size and response of a small picture of the same view.
 fn small_tiles(
-    scene: &Scene,
+    part: Part<'_>,
     camera: &Camera,
     patches: PatchSet,
     options: &BakeOptions,
@@ -212,7 +205,7 @@ fn small_tiles(
     let (width, height) = options.size;
     let times = (f64::from(width) * f64::from(height) / SMALL_PX).sqrt().floor().max(2.0) as u32;
     let size = (width.div_ceil(times), height.div_ceil(times));
-    let small = Transport::new(scene, camera, patches, size, options.transport)?;
+    let small = Transport::of(part, camera, patches, size, options.transport)?;
     let (columns, rows) = small.tiles();
     let places: Vec<(u32, u32)> = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).collect();
     Ok((size, places.par_iter().map(|&(x, y)| small.tile(x, y)).collect()))
@@ -222,7 +215,7 @@ fn small_tiles(
 fn small_picture((size, tiles): ((u32, u32), Vec<TileResponse>), light: &TestLight) -> SmallPicture {
     let part = |tile: &TileResponse| {
         let at = |&index: &u16| (tile.place(index).into(), tile.coverage[usize::from(index)]);
-        Part { pixels: tile.covered.iter().map(at).collect(), exact: light.sums(&tile.response) }
+        preview::Part { pixels: tile.covered.iter().map(at).collect(), exact: light.sums(&tile.response) }
     };
     SmallPicture { size, parts: tiles.iter().map(part).collect() }
 }

@@ -3,6 +3,7 @@
 use crate::bake::{BakeError, BakeOptions};
 use crate::camera::Camera;
 use crate::job::block_count;
+use crate::jobs::all_blocks;
 use crate::response::TransportOptions;
 use crate::scene::{Scene, Shading};
 use serde::{Deserialize, Serialize};
@@ -63,7 +64,8 @@ pub struct Plan {
     pub site: Option<[f64; 2]>,
     /// Captured maps that the field's error is told for, relative to the plan's folder.
     pub test_skies: Vec<PathBuf>,
-    /// Number of its tiles: blocks of 32x32 px, row by row, as `--tiles` counts them.
+    /// Number of its tiles: blocks of 32x32 px, row by row, as `--tiles` counts them; where receivers are marked, all of them
+    /// three times.
     pub tiles: u32,
     /// Of the bake with these very scene and camera.
     pub identity: u32,
@@ -94,7 +96,7 @@ impl Plan {
             error: options.error,
             site: options.site,
             test_skies: options.test_maps.iter().map(|map| seen_from(folder, map)).collect(),
-            tiles: block_count(options.size),
+            tiles: all_blocks(scene, options.size),
             identity: identity(scene, camera, options)?,
             materials: scene.shading,
             transport: options.transport,
@@ -115,7 +117,8 @@ impl Plan {
         if plan.relume_bake != env!("CARGO_PKG_VERSION") {
             return Err(PlanError::Version { file: file.to_owned(), made_by: plan.relume_bake });
         }
-        if plan.tiles != block_count(plan.size.into()) {
+        let each = block_count(plan.size.into());
+        if ![each, 3 * each].contains(&plan.tiles) {
             let fault = format!("tiles = {} is not what its size has", plan.tiles);
             return Err(PlanError::Parse { file: file.to_owned(), fault });
         }
@@ -178,7 +181,7 @@ pub fn identity(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result
     let _ = write!(sum, "{:?} {} {} {:?}", options.size, options.directions, options.sphere, options.transport);
     let _ = write!(sum, "{} {:?}", options.error, options.site);
     let _ = write!(sum, "{:?} {:?}", scene.triangles, scene.materials);
-    let _ = write!(sum, "{:?} {:?}", scene.shading, scene.details);
+    let _ = write!(sum, "{:?} {:?} {:?}", scene.shading, scene.details, scene.roles);
     scene.normal_maps.iter().for_each(|map| map.checksum(&mut sum.0));
     scene.textures.iter().for_each(|texture| texture.checksum(&mut sum.0));
     for map in &options.test_maps {

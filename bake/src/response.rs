@@ -16,8 +16,9 @@ use serde::{Deserialize, Serialize};
 use crate::camera::{Camera, CameraView};
 use crate::fragments::{Fragment, fragments};
 use crate::geometry::{Cone, Geometry, Surface};
+use crate::part::{Eye, Part};
 use crate::path::{Step, Tracer};
-use crate::scene::Scene;
+use crate::scene::{Role, Scene};
 use crate::strata::{Grid, PatchTable, Rng, class_of};
 use crate::viewpoint::{self, TransportError};
 
@@ -99,6 +100,7 @@ pub struct Transport<'s> {
     pub(crate) width: u32,
     pub(crate) height: u32,
     pub(crate) options: TransportOptions,
+    eye: Eye<'s>,
     patches: PatchTable,
 }
 
@@ -106,7 +108,7 @@ pub struct Transport<'s> {
 pub(crate) type Seen = Vec<Option<Surface>>;
 
 impl<'s> Transport<'s> {
-    /// Prepares `scene` for the view of `camera` at `size` (width, height) pixels.
+    /// Prepares the virtual geometry of `scene` for the view of `camera` at `size` (width, height) pixels.
     ///
     /// # Errors
     /// [`TransportError`]: zero size, no triangles, a camera that sees nothing or stands inside a wall.
@@ -117,15 +119,32 @@ impl<'s> Transport<'s> {
         size: (u32, u32),
         options: TransportOptions,
     ) -> Result<Self, TransportError> {
+        Transport::of(Part::of_virtual(scene), camera, patch_set, size, options)
+    }
+
+    /// The same for any part of a scene. Receivers may be out of the camera's sight.
+    ///
+    /// # Errors
+    /// As [`Transport::new`].
+    pub fn of(
+        part: Part<'s>,
+        camera: &Camera,
+        patch_set: PatchSet,
+        size: (u32, u32),
+        options: TransportOptions,
+    ) -> Result<Self, TransportError> {
         viewpoint::check_size(size)?;
-        if scene.triangles.is_empty() {
+        if part.scene.triangles.is_empty() {
             return Err(TransportError::NoTriangles);
         }
-        let geometry = Geometry::new(scene);
+        let geometry = Geometry::new(part.scene);
         let view = camera.view(size.0, size.1);
-        viewpoint::check_view(&geometry, &view, size)?;
+        if part.shows == Role::Virtual {
+            viewpoint::check_view(&geometry, &view, size)?;
+        }
         let options = options.checked();
         Ok(Transport {
+            eye: Eye::new(part),
             tracer: Tracer { geometry, max_hits: options.max_hits },
             view,
             width: size.0,
@@ -197,7 +216,7 @@ impl<'s> Transport<'s> {
         let mut look = |s: usize| {
             let [right, down] = pixel_point(s);
             let direction = Vec3A::from(self.view.direction(x as f32 + right, y as f32 + down));
-            self.tracer.first(origin, direction, cone, &mut rng)
+            self.eye.first(&self.tracer, origin, direction, cone, &mut rng)
         };
         let seen = (0..PIXEL_POINTS).map(&mut look).collect();
         (seen, rng)

@@ -1,6 +1,7 @@
 //! The scene: triangles in world space with their materials, read from a glTF 2.0 file.
 
 mod materials;
+mod roles;
 mod tangents;
 
 use std::path::{Path, PathBuf};
@@ -12,6 +13,7 @@ pub use crate::material::{Alpha, Material, Shading};
 use crate::normalmap::NormalMap;
 use crate::texture::{Texture, UvTransform};
 use materials::{UvUse, UvUses};
+pub use roles::{PROPERTY, Role};
 
 /// Why a scene file cannot be used. Every message names the file, what is at fault, and what to do.
 #[derive(Debug, thiserror::Error)]
@@ -62,6 +64,16 @@ pub enum SceneError {
         /// Mesh and node by name.
         place: String,
     },
+    /// A node is marked as something that there is not.
+    #[error("{file}: {place}: {PROPERTY} = {value}; write receiver, occluder or virtual", file = .file.display())]
+    Role {
+        /// The scene file.
+        file: PathBuf,
+        /// Node or mesh by name.
+        place: String,
+        /// What stands there.
+        value: String,
+    },
     /// There is nothing to see.
     #[error("{file}: the scene has no triangles; export at least one mesh with faces", file = .file.display())]
     NoTriangles {
@@ -96,6 +108,8 @@ pub struct Scene {
     pub normal_maps: Vec<NormalMap>,
     /// Per triangle what its finish's textures need; empty if no material has any.
     pub details: Vec<Detail>,
+    /// Per triangle what it is to the post; empty if all are virtual.
+    pub roles: Vec<Role>,
     /// Which part of the materials is used.
     pub shading: Shading,
 }
@@ -145,7 +159,7 @@ pub fn load(path: &Path, shading: Shading) -> Result<Loaded, SceneError> {
         None => document.nodes().collect(),
     };
     for node in roots {
-        loader.node(&node, DMat4::IDENTITY, 0)?;
+        loader.node(&node, (DMat4::IDENTITY, Role::Virtual), 0)?;
     }
     if loader.scene.triangles.is_empty() {
         return Err(SceneError::NoTriangles { file: path.to_owned() });
@@ -163,22 +177,31 @@ struct Loader<'f> {
 }
 
 impl Loader<'_> {
-    fn node(&mut self, node: &gltf::Node, parent: DMat4, depth: usize) -> Result<(), SceneError> {
+    /// `parent`: its place in the world and its role, which a node has, too, unless it has one of its own.
+    fn node(&mut self, node: &gltf::Node, parent: (DMat4, Role), depth: usize) -> Result<(), SceneError> {
         // A tree cannot be deeper than it has nodes: deeper is a cycle, which would recurse for ever.
         if depth > self.file.document.nodes().len().min(512) {
             return Err(self.file.fault(format!("node {} is its own ancestor or too deep", node.index())));
         }
         let local = node.transform().matrix().map(|column| column.map(f64::from));
-        let to_world = parent * DMat4::from_cols_array_2d(&local);
+        let to_world = parent.0 * DMat4::from_cols_array_2d(&local);
+        let name = |name: Option<&str>, index: usize| name.map_or(format!("{index}"), |n| format!("'{n}'"));
+        let own = |extras, place: String| {
+            let fault = |value| SceneError::Role { file: self.file.path.clone(), place, value };
+            Role::in_extras(extras).map_err(fault)
+        };
+        let role = own(node.extras(), format!("node {}", name(node.name(), node.index())))?.unwrap_or(parent.1);
         if let Some(mesh) = node.mesh() {
-            let name = |name: Option<&str>, index: usize| name.map_or(format!("{index}"), |n| format!("'{n}'"));
+            let of_mesh = own(mesh.extras(), format!("mesh {}", name(mesh.name(), mesh.index())))?;
             let place = format!("mesh {} of node {}", name(mesh.name(), mesh.index()), name(node.name(), node.index()));
+            let from = self.scene.triangles.len();
             for primitive in mesh.primitives() {
                 self.primitive(&primitive, to_world, &place)?;
             }
+            self.scene.mark(from, of_mesh.unwrap_or(role));
         }
         for child in node.children() {
-            self.node(&child, to_world, depth + 1)?;
+            self.node(&child, (to_world, role), depth + 1)?;
         }
         Ok(())
     }

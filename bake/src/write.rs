@@ -59,6 +59,7 @@ pub struct FieldWriter {
     way_blocks: Vec<u8>,
     bound_basis: Vec<u8>,
     bounds: Vec<u8>,
+    receivers: Option<[Vec<u8>; 2]>,
     covered: u32,
 }
 
@@ -102,6 +103,11 @@ impl FieldWriter {
     /// Sets the basis of the bounds, BNDB.
     pub fn set_bound_basis(&mut self, basis: Vec<u8>) {
         self.bound_basis = basis;
+    }
+
+    /// Sets the receivers, RCVW and RCVO.
+    pub fn set_receivers(&mut self, with: Vec<u8>, without: Vec<u8>) {
+        self.receivers = Some([with, without]);
     }
 
     /// Adds the next block's record of BNDT.
@@ -154,6 +160,10 @@ impl FieldWriter {
             layers.push((*b"GLST", LAYER_CRITICAL, self.gloss_places));
             layers.push((*b"GLSS", LAYER_CRITICAL, self.gloss));
         }
+        if let Some([with, without]) = self.receivers {
+            layers.push((*b"RCVW", 0, with));
+            layers.push((*b"RCVO", 0, without));
+        }
         if let Some(list) = header.patches.listed() {
             layers.push((*b"DIRS", LAYER_CRITICAL, directions(list)));
         }
@@ -177,7 +187,7 @@ pub struct Draft {
 
 impl Draft {
     /// Header, table and aligned layers; each layer's memory is given back once it is copied.
-    fn new(header: Header, layers: Vec<(LayerKind, u32, Vec<u8>)>) -> Self {
+    pub fn new(header: Header, layers: Vec<(LayerKind, u32, Vec<u8>)>) -> Self {
         let first = (HEADER + (layers.len() + 1) * LAYER_ENTRY).next_multiple_of(LAYER_ALIGN);
         let whole = layers.iter().fold(first, |end, (_, _, bytes)| (end + bytes.len()).next_multiple_of(LAYER_ALIGN));
         let mut draft = Draft { header, table: Vec::new(), file: Vec::with_capacity(whole + META_ROOM) };

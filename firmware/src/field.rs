@@ -36,6 +36,7 @@
 //!   BNDB BNDT             constants of the error bound (bound.rs); may be left out
 //!   DIRS                  directions of the patches, where they are listed (patches/listed.rs)
 //!   WAYT WAYD             rows of single patches, read only where the factors do not do (wayback.rs); may be left out
+//!   RCVW RCVO             receivers, each layer a field of its own (receivers.rs); left out where there are none
 //!   META                  UTF-8 JSON about the bake, for people
 //!
 //! a tile set: one 64-byte record per tile, tiles row by row
@@ -59,6 +60,7 @@ use crate::bound::Bounds;
 pub use crate::header::{CameraRecord, Header, Layer};
 use crate::header::{u16_at, u32_at, u64_at};
 use crate::patches::{MAX_PATCHES, PatchError, PatchSet};
+use crate::receivers::SHARED;
 use crate::sunlight::SunSurfaces;
 use crate::tile::{TILE_RECORD, TileSet};
 use crate::wayback::WayBack;
@@ -84,9 +86,10 @@ pub const MAX_LAYERS: u32 = 256;
 pub type LayerKind = [u8; 4];
 
 /// Kinds that this version reads.
-pub const KNOWN_LAYERS: [LayerKind; 20] = [
+pub const KNOWN_LAYERS: [LayerKind; 22] = [
     *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"CAST", *b"CBVH", *b"FRGT", *b"FRAG", *b"BPNT", *b"BTIL",
     *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD", *b"DIRS", *b"GLST", *b"GLSS",
+    *b"RCVW", *b"RCVO",
 ];
 
 /// What is wrong with a field; each message says what to do.
@@ -176,8 +179,16 @@ impl<'a> Field<'a> {
     /// # Errors
     /// [`FieldError`], which says what is wrong and what to do.
     pub fn new(bytes: &'a [u8]) -> Result<Self, FieldError> {
+        Field::inside(bytes, &[])
+    }
+
+    /// The same for a field in a layer of the field `around`, with which it may share [`SHARED`] ones.
+    pub(crate) fn inside(bytes: &'a [u8], around: &'a [u8]) -> Result<Self, FieldError> {
         let header = check_header(bytes)?;
-        let layer = |kind: LayerKind| find_layer(bytes, kind).ok_or(FieldError::MissingLayer(kind));
+        let shared = |kind| if around.is_empty() || !SHARED.contains(&kind) { None } else { find_layer(around, kind) };
+        let layer = |kind: LayerKind| {
+            find_layer(bytes, kind).or_else(|| shared(kind)).ok_or(FieldError::MissingLayer(kind))
+        };
         let edge = crate::tile::TILE_PX as u32;
         let tiles = (header.width.div_ceil(edge), header.height.div_ceil(edge));
         let size = (header.width, header.height);
@@ -284,6 +295,11 @@ impl<'a> Field<'a> {
         layer_table(self.bytes).chunks_exact(LAYER_ENTRY).map(Layer::decode)
     }
 
+    /// The file.
+    pub(crate) fn bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
     /// Length of the file, bytes.
     pub fn file_bytes(&self) -> usize {
         self.bytes.len()
@@ -294,7 +310,7 @@ fn layer_table(bytes: &[u8]) -> &[u8] {
     &bytes[HEADER..HEADER + u32_at(bytes, 12) as usize * LAYER_ENTRY]
 }
 
-fn find_layer(bytes: &[u8], kind: LayerKind) -> Option<&[u8]> {
+pub(crate) fn find_layer(bytes: &[u8], kind: LayerKind) -> Option<&[u8]> {
     let entry = layer_table(bytes).chunks_exact(LAYER_ENTRY).map(Layer::decode).find(|l| l.kind == kind)?;
     bytes.get(entry.offset as usize..(entry.offset + entry.length) as usize)
 }

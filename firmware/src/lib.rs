@@ -24,6 +24,7 @@ pub mod minifloat;
 pub mod overlay;
 pub mod patches;
 pub mod pixelpoints;
+pub mod receivers;
 pub mod relight;
 pub mod sunlight;
 pub mod surface;

@@ -9,7 +9,9 @@ mod file;
 mod frame;
 mod influence;
 mod levels;
+mod light;
 mod reading;
+mod receivers;
 mod restore;
 mod standing;
 mod sunplane;
@@ -20,6 +22,7 @@ mod waiting;
 pub use budget::{Budget, BudgetError};
 pub use buffers::{Framebuffer, Picture, View};
 pub use counters::FrameCounters;
+pub use receivers::{ReceiverLight, ShadedView};
 pub use file::{FieldFile, FieldFileError};
 
 use crate::damage::Damage;
@@ -143,6 +146,11 @@ impl<'f> Relighter<'f> {
     /// The field.
     pub fn field(&self) -> &Field<'f> {
         &self.field
+    }
+
+    /// Tile number `index` of the field.
+    pub(super) fn tile(&self, index: usize) -> &Tile<'f> {
+        &self.tiles[index]
     }
 
     /// The kernel path in use.

@@ -3,10 +3,9 @@
 use super::arguments::{Arguments, scene_and_camera, told};
 use super::scene::save;
 use super::{HELP, print};
-use crate::assembly::Assembly;
 use crate::bake::{BakeError, Baked};
 use crate::camera::Camera;
-use crate::job::Job;
+use crate::jobs::{Intake, Jobs, Scenes};
 use crate::ledger::{LedgerError, Reader};
 use crate::plan::Plan;
 use crate::scene::Scene;
@@ -66,15 +65,16 @@ fn open(file: &Path) -> Result<File, LedgerError> {
 
 fn join(plan: &Plan, scene: &Scene, camera: &Camera, shares: &[Share]) -> Result<Baked, BakeError> {
     let (started, options) = (Instant::now(), plan.options());
-    let job = Job::new(scene, camera, &options)?;
-    let mut assembly = Assembly::new(&job);
+    let scenes = Scenes::new(scene);
+    let jobs = Jobs::new(&scenes, camera, &options)?;
+    let mut intake = Intake::new(&jobs);
     for share in shares {
         let file = open(&share.file)?;
         let mut reader = Reader::new(&share.file, &file)?;
         while let Some(block) = reader.next_block() {
-            assembly.push(block);
+            intake.push(block);
         }
         reader.finish()?;
     }
-    assembly.finish(job, camera, &options, started.elapsed())
+    intake.finish(jobs, camera, &options, started.elapsed())
 }

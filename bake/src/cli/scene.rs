@@ -4,7 +4,7 @@ use super::arguments::{Arguments, missing, scene_and_camera, told};
 use super::{HELP, print};
 use crate::bake::{BakeOptions, Baked, LedgerOptions, bake};
 use crate::effort::Goal;
-use crate::job::Job;
+use crate::jobs::{Jobs, Scenes};
 use crate::ledger::Ledger;
 use crate::plan::Plan;
 use crate::reportpage::{self, Subject};
@@ -126,8 +126,9 @@ fn bake_share(arguments: &Arguments, plan_file: &Path) -> Result<(), Failure> {
     let mut ledger =
         Ledger::open(&part_of(out), share, arguments.resume, |_| ()).map_err(|error| told(error.into(), &names))?;
     let baked = arguments.on_threads(|| {
-        let job = Job::new(&scene, &camera, &options)?;
-        job.run(ledger.next()..numbers.end, options.progress, |block| Ok(ledger.append(&block)?))
+        let scenes = Scenes::new(&scene);
+        let jobs = Jobs::new(&scenes, &camera, &options)?;
+        jobs.run(ledger.next()..numbers.end, options.progress, |block| Ok(ledger.append(&block)?))
     })?;
     baked.map_err(|error| told(error, &names))?;
     ledger.rename(out).map_err(|error| told(error.into(), &names))?;

@@ -94,7 +94,7 @@ fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     }
     let told = match format {
         PictureFormat::Exr => write_radiance(&options, field, &weights)?,
-        PictureFormat::Png => write_shown(&options, field, &weights)?,
+        PictureFormat::Png => write_shown(&options, &file, &weights)?,
     };
     tell(&options, &field, &weights, told)
 }
@@ -230,7 +230,8 @@ fn write_radiance(options: &Options, field: Field<'_>, weights: &PatchWeights) -
     Ok((None, None))
 }
 
-fn write_shown(options: &Options, field: Field<'_>, weights: &PatchWeights) -> Result<Used, Failure> {
+fn write_shown(options: &Options, file: &FieldFile, weights: &PatchWeights) -> Result<Used, Failure> {
+    let field = file.field();
     let (width, height) = (field.width(), field.height());
     let still = options.still(width, height)?;
     let out = required(options.out.as_ref(), "-o")?;
@@ -242,6 +243,7 @@ fn write_shown(options: &Options, field: Field<'_>, weights: &PatchWeights) -> R
         return Ok((Some(exposure), None));
     }
     let mut painter = FieldPainter::new(field, still, 0);
+    painter.show_receivers(file.receivers());
     let mut exposure = fixed.unwrap_or(1.0);
     let mut note = painter.relight(weights, exposure as f32).or_bad()?;
     if fixed.is_none() {

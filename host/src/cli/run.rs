@@ -103,6 +103,7 @@ fn run(config: &Config, setup: bool, signals: &Signals) -> Result<PostReport, Fa
     };
     let made = std::fs::metadata(&config.field).and_then(|meta| meta.modified()).ok();
     let mut painter = FieldPainter::new(field, still, 0);
+    painter.show_receivers(file.receivers());
     painter.set_budget(config.budget).or_bad()?;
     let view = view::live_view(config, (width, height), &signals.stop)?;
     if view.is_some() {

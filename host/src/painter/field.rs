@@ -3,13 +3,14 @@
 use super::Painter;
 use crate::damage::Damage;
 use crate::exposure::{automatic, automatic_of};
-use crate::relight::{Budget, BudgetError, FrameCounters, Framebuffer, Relighter, View};
+use crate::relight::{Budget, BudgetError, FrameCounters, Framebuffer, ReceiverLight, Relighter, ShadedView, View};
 use crate::sun::{dir_world, position_of};
 use crate::sunband::nearest;
 use crate::view::Still;
 use crate::weights::{PatchWeights, SunWeight};
 use relume_firmware::field::Field;
 use relume_firmware::patches::PatchSet;
+use relume_firmware::receivers::Receivers;
 
 /// Tiles that the running exposure looks at: enough for a hundredth of its steps.
 const EXPOSURE_TILES: usize = 128;
@@ -18,7 +19,10 @@ const EXPOSURE_TILES: usize = 128;
 pub struct FieldPainter<'f> {
     field: Field<'f>,
     relighter: Relighter<'f>,
+    /// What is behind the picture, as it is shown.
     view: View,
+    /// Puts receivers in it into the light that the virtual geometry leaves them.
+    shaded: Option<ShadedView<'f>>,
     framebuffer: Framebuffer,
     /// Channel values that the exposure is chosen by, reused.
     sampled: Vec<f32>,
@@ -31,10 +35,17 @@ impl<'f> FieldPainter<'f> {
         FieldPainter {
             relighter: Relighter::new(field, threads),
             view: View::new(width, height, view.pixels_bgrx),
+            shaded: None,
             framebuffer: Framebuffer::new(width, height),
             sampled: Vec::new(),
             field,
         }
+    }
+
+    /// Puts what the view shows of the field's receivers into the shadow and the reflected light of the virtual geometry.
+    pub fn show_receivers(&mut self, receivers: Option<Receivers<'f>>) {
+        let light = receivers.map(|receivers| ReceiverLight::new(&self.field, receivers));
+        self.shaded = light.map(|light| ShadedView::new(light, &self.view));
     }
 
     /// Gets ready for a live view: what it shows first is composited only, like what comes later.
@@ -66,6 +77,10 @@ impl FieldPainter<'static> {
     /// When the system has no thread to give.
     pub fn trace_behind(&mut self, step_deg: f64) -> std::io::Result<()> {
         self.relighter.set_sun_step_deg(step_deg);
+        if let Some(shaded) = &mut self.shaded {
+            shaded.light_mut().set_sun_step_deg(step_deg);
+            shaded.light_mut().trace_behind()?;
+        }
         self.relighter.trace_behind()
     }
 }
@@ -108,6 +123,9 @@ impl Painter for FieldPainter<'_> {
             None => (weights, None),
         };
         self.relighter.set_weights(weights, exposure)?;
+        if let Some(shaded) = &mut self.shaded {
+            shaded.light_mut().set_weights(weights)?;
+        }
         let waits = || self.relighter.awaits_sun().then(|| "the sun is being traced, and not shown yet".into());
         Ok(note.or_else(waits))
     }
@@ -117,7 +135,7 @@ impl Painter for FieldPainter<'_> {
     }
 
     fn has_news(&mut self) -> bool {
-        self.relighter.has_news()
+        self.relighter.has_news() | self.shaded.as_mut().is_some_and(|shaded| shaded.light_mut().has_news())
     }
 
     fn wanted_exposure(&mut self) -> Option<f64> {
@@ -126,17 +144,21 @@ impl Painter for FieldPainter<'_> {
     }
 
     fn draw(&mut self, damage: &mut Damage) -> anyhow::Result<FrameCounters> {
+        let receiver_tiles_drawn = self.shaded.as_mut().map_or(0, |shaded| shaded.follow(&mut self.view));
         let counters = self.relighter.draw(&self.view, &mut self.framebuffer);
         self.relighter.take_damage(damage);
-        Ok(counters)
+        Ok(FrameCounters { receiver_tiles_drawn, ..counters })
     }
 
     fn show_view(&mut self, pixels_bgrx: &mut Vec<u32>) {
-        self.view.exchange(pixels_bgrx);
+        match &mut self.shaded {
+            Some(shaded) => shaded.exchange(pixels_bgrx),
+            None => self.view.exchange(pixels_bgrx),
+        }
     }
 
     fn view_bgrx(&self) -> &[u32] {
-        self.view.pixels()
+        self.shaded.as_ref().map_or(self.view.pixels(), ShadedView::real)
     }
 
     fn pixels_bgrx(&self) -> &[u32] {

@@ -34,6 +34,11 @@ impl View {
         View { width, height, pixels, identity: VIEWS.fetch_add(1, Ordering::Relaxed) }
     }
 
+    /// No view at all.
+    pub(super) const fn nothing() -> Self {
+        View { width: 0, height: 0, pixels: Vec::new(), identity: 0 }
+    }
+
     /// Width and height, px.
     pub fn size(&self) -> (usize, usize) {
         (self.width, self.height)

@@ -15,6 +15,8 @@ pub struct FrameCounters {
     pub tiles_waiting: usize,
     /// Tiles with geometry left as they were, because they would change by less than half a code.
     pub tiles_kept: usize,
+    /// Tiles of receivers whose light has changed.
+    pub receiver_tiles_drawn: usize,
     /// Tiles whose block took more of the way back than the patches that outshine the sky.
     pub tiles_way_back: usize,
     /// Blocks (2 x 2 tiles) with geometry.

@@ -122,7 +122,7 @@ impl Drawing<'_> {
     }
 
     /// The light of a block, with no more ranks than the frame allows.
-    fn light<'l>(&'l self, block: &'l Block, limited: Option<&'l Coefficients>) -> ShownLight<'l> {
+    pub(super) fn light<'l>(&'l self, block: &'l Block, limited: Option<&'l Coefficients>) -> ShownLight<'l> {
         let coefficients = limited.unwrap_or(&block.coefficients);
         let weights = &self.levels.get(block.level).weights;
         ShownLight { coefficients, weights, unpacked: self.unpacked, sun_q16: self.sun_q16() }

@@ -4,6 +4,7 @@
 
 use memmap2::Mmap;
 use relume_firmware::field::{Field, FieldError};
+use relume_firmware::receivers::Receivers;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -35,6 +36,7 @@ pub enum FieldFileError {
 pub struct FieldFile {
     // Before the map: fields drop in order, and this borrows from it.
     field: Field<'static>,
+    receivers: Option<Receivers<'static>>,
     _map: Mmap,
 }
 
@@ -54,15 +56,22 @@ impl FieldFile {
         // SAFETY: the map is read only and private to this value; that nobody rewrites the file in place is the
         // documented condition of use, kept by relume-bake, which replaces files by renaming.
         let map = unsafe { Mmap::map(&file) }.map_err(read)?;
-        // SAFETY: the map's address does not change when `Mmap` moves; the slice lives in `field`, which is dropped
-        // before the map, and `field()` hands it out only for as long as `self` is borrowed.
+        // SAFETY: the map's address does not change when `Mmap` moves; the slice lives in `field` and `receivers`, which are
+        // dropped before the map, and accessors hand it out only for as long as `self` is borrowed.
         let bytes: &'static [u8] = unsafe { std::slice::from_raw_parts(map.as_ptr(), map.len()) };
-        let field = Field::new(bytes).map_err(|source| FieldFileError::Field { path: path.to_owned(), source })?;
-        Ok(FieldFile { field, _map: map })
+        let unsound = |source| FieldFileError::Field { path: path.to_owned(), source };
+        let field = Field::new(bytes).map_err(unsound)?;
+        let receivers = Receivers::of(&field).map_err(unsound)?;
+        Ok(FieldFile { field, receivers, _map: map })
     }
 
     /// The field.
     pub fn field(&self) -> Field<'_> {
         self.field
+    }
+
+    /// Its receivers, if it has any.
+    pub fn receivers(&self) -> Option<Receivers<'_>> {
+        self.receivers
     }
 }

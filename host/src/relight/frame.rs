@@ -63,7 +63,7 @@ impl Relighter<'_> {
     }
 
     /// The counters of a frame that `drew` so much.
-    fn count(&self, drew: &Drew) -> FrameCounters {
+    pub(super) fn count(&self, drew: &Drew) -> FrameCounters {
         let mut counters = FrameCounters {
             tiles_drawn: drew.drawn,
             tiles_composited: drew.composited,
@@ -90,7 +90,7 @@ impl Relighter<'_> {
     }
 
     /// Projects the blocks that lag behind the newest weights and must be drawn all the same, before this view.
-    fn catch_up(&mut self, view: u64) {
+    pub(super) fn catch_up(&mut self, view: u64) {
         let (possible, response) = (self.may_stand(), self.field.response());
         let (field, levels, states) = ((&self.field, &*self.tiles), &self.levels, &self.states);
         for (index, block) in self.blocks.iter_mut().enumerate().filter(|(_, block)| block.lags()) {
@@ -103,7 +103,7 @@ impl Relighter<'_> {
     }
 
     /// Finds the blocks whose tiles all may stay, beside those that were not even projected.
-    fn find_standing(&mut self) {
+    pub(super) fn find_standing(&mut self) {
         let possible = self.may_stand();
         let by_factors = self.levels.get(0).weights.apart().next().is_none();
         let (slope, sun_q16) = (&self.slope, self.shown_sun_q16());
@@ -119,7 +119,7 @@ impl Relighter<'_> {
     }
 
     /// Remembers how far the tiles of the other blocks have moved.
-    fn remember_standing(&mut self) {
+    pub(super) fn remember_standing(&mut self) {
         if !self.may_stand() {
             return;
         }
@@ -216,7 +216,7 @@ impl Relighter<'_> {
     }
 
     /// Works with what all tiles of a frame share.
-    fn with_drawing<R>(&self, view: &View, work: impl FnOnce(&Drawing<'_>) -> R) -> R {
+    pub(super) fn with_drawing<R>(&self, view: &View, work: impl FnOnce(&Drawing<'_>) -> R) -> R {
         let (unpacked, count) = self.levels.unpacked();
         work(&Drawing {
             field: &self.field,

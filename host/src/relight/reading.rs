@@ -107,9 +107,14 @@ impl Reading<'_> {
     }
 }
 
-/// A power of two that brings the picture near display white, so that fixed point keeps its precision: from the
-/// radiance that a white surface would show if it met all the light at once.
+/// A power of two that brings the picture near display white, so that fixed point keeps its precision.
 fn reading_exposure(weights: &PatchWeights, field: &Field<'_>) -> f32 {
+    let white = white_light(weights, field);
+    if white > 0.0 { 2f64.powf(-white.log2().ceil()).clamp(1e-30, 1e30) as f32 } else { 1.0 }
+}
+
+/// The radiance that a white surface would show if it met all the light at once.
+pub(super) fn white_light(weights: &PatchWeights, field: &Field<'_>) -> f64 {
     let set = field.patch_set();
     let sky: f64 = weights
         .radiance
@@ -118,6 +123,5 @@ fn reading_exposure(weights: &PatchWeights, field: &Field<'_>) -> f32 {
         .map(|(patch, rgb)| f64::from(rgb.iter().fold(0.0f32, |m, &v| m.max(v))) * f64::from(set.solid_angle_sr(patch)))
         .sum();
     let sun = weights.sun.map_or(0.0, |sun| f64::from(sun.irradiance.iter().fold(0.0f32, |m, &v| m.max(v))));
-    let white = (sky + sun) / std::f64::consts::PI;
-    if white > 0.0 { 2f64.powf(-white.log2().ceil()).clamp(1e-30, 1e30) as f32 } else { 1.0 }
+    (sky + sun) / std::f64::consts::PI
 }

@@ -1,0 +1,116 @@
+//! Receivers: real surfaces that take the shadow and the reflected light of what is shown.
+//!
+//! A field with receivers holds two more fields of the same view and patches: what the receivers reflect with the virtual
+//! geometry (layer RCVW) and without it (layer RCVO). Their coverage is the share of the pixel that shows a receiver, their
+//! radiance premultiplied by it. What a real picture of the receivers has to be multiplied by is the one over the other.
+
+use crate::field::{Field, FieldError, LayerKind, find_layer};
+use crate::surface::xrgb;
+use crate::tone::{self, ViewLight};
+
+/// Layers that RCVW leaves to the field around it: the light meets the same surfaces.
+pub const SHARED: [LayerKind; 2] = [*b"CAST", *b"CBVH"];
+
+/// The receivers of a field.
+#[derive(Clone, Copy, Debug)]
+pub struct Receivers<'a> {
+    /// What they reflect with the virtual geometry.
+    pub with: Field<'a>,
+    /// What they reflect without it.
+    pub without: Field<'a>,
+}
+
+impl<'a> Receivers<'a> {
+    /// The receivers of `field`, checked; `None` if it has none.
+    ///
+    /// # Errors
+    /// [`FieldError`] if one of the layers is no sound field, or not of the same pixels and patches.
+    pub fn of(field: &Field<'a>) -> Result<Option<Self>, FieldError> {
+        let bytes = field.bytes();
+        let (Some(with), Some(without)) = (find_layer(bytes, *b"RCVW"), find_layer(bytes, *b"RCVO")) else {
+            return Ok(None);
+        };
+        let receivers = Receivers { with: Field::inside(with, bytes)?, without: Field::new(without)? };
+        for part in [&receivers.with, &receivers.without] {
+            let same_size = (part.width(), part.height()) == (field.width(), field.height());
+            if !same_size || part.patch_set().id() != field.patch_set().id() {
+                return Err(FieldError::Invalid("receivers (size or patches)"));
+            }
+        }
+        let (a, b) = (receivers.with.response(), receivers.without.response());
+        let mut tiles = (0..a.tiles()).map(|index| (a.tile(index), b.tile(index)));
+        if !tiles.all(|(a, b)| a.covered().eq(b.covered()) && a.coverage == b.coverage) {
+            return Err(FieldError::Invalid("receivers (coverage)"));
+        }
+        Ok(Some(receivers))
+    }
+
+    /// Bytes of the two layers.
+    pub fn bytes(&self) -> [usize; 2] {
+        [self.with.file_bytes(), self.without.file_bytes()]
+    }
+}
+
+/// Shares of the light of a white surface below which receivers are taken for dark: what is there of it is rounding.
+pub const DARKEST: f32 = 1.0 / 2048.0;
+/// No receiver gets brighter than by this.
+pub const BRIGHTEST: f32 = 16.0;
+
+/// What the light of a receiver is multiplied by because of the virtual geometry: `share` of it, of linear light `with` and
+/// `without` that (1 = what a white surface shows in the open), both premultiplied by the same coverage. Nothing is made of
+/// light so weak that it is rounding.
+#[inline]
+pub fn factor(with: f32, without: f32, share: f32) -> f32 {
+    (1.0 + share * (with - without) / without.max(DARKEST)).clamp(0.0, BRIGHTEST)
+}
+
+/// The share of a pixel's real part that its receivers are, of coverages in 255ths: what the factor of the receivers concerns
+/// of `1 - coverage` of the view.
+#[inline]
+pub fn share_of_view(receiver: u8, covered: u8) -> f32 {
+    let real = 255 - covered;
+    if real == 0 { 0.0 } else { (f32::from(receiver) / f32::from(real)).min(1.0) }
+}
+
+/// A pixel of the view (0x00RRGGBB, sRGB), its linear light multiplied by `factors` of red, green and blue.
+#[inline]
+pub fn shaded(view_xrgb: u32, factors: [f32; 3], light: &ViewLight) -> u32 {
+    let [_, r, g, b] = view_xrgb.to_be_bytes();
+    let shade = |code: u8, factor: f32| if factor == 1.0 { code } else { tone::code(light.linear(code) * factor) };
+    xrgb([shade(r, factors[0]), shade(g, factors[1]), shade(b, factors[2])])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn light_that_stays_changes_nothing_and_halved_light_halves() {
+        assert_eq!(factor(0.3, 0.3, 1.0), 1.0);
+        assert!((factor(0.15, 0.3, 1.0) - 0.5).abs() < 1e-6);
+        // Half of what is seen of the real world is not the receiver.
+        assert!((factor(0.15, 0.3, 0.5) - 0.75).abs() < 1e-6);
+        assert!((factor(0.6, 0.3, 1.0) - 2.0).abs() < 1e-6);
+        // Rounding in the dark is no light, and a lamp in it no glare.
+        assert!((factor(1e-6, 0.0, 1.0) - 1.0).abs() < 0.01);
+        assert_eq!(factor(1.0, 0.0, 1.0), BRIGHTEST);
+        assert_eq!(factor(-0.5, 0.1, 1.0), 0.0);
+    }
+
+    #[test]
+    fn what_a_receiver_is_of_the_view_counts_what_is_in_front() {
+        assert_eq!([share_of_view(255, 0), share_of_view(128, 127), share_of_view(51, 0)], [1.0, 1.0, 0.2]);
+        assert_eq!(share_of_view(0, 255), 0.0);
+    }
+
+    #[test]
+    fn the_view_is_shaded_in_linear_light() {
+        let light = ViewLight::new();
+        // Half of white is code 188, of code 188 code 137 (sRGB).
+        assert_eq!(shaded(0x00ff_bcff, [0.5, 0.5, 1.0], &light), 0x00bc_89ff);
+        assert_eq!(shaded(0x00ff_8000, [2.0, 1.0, 3.0], &light), 0x00ff_8000);
+        for code in 0..=255 {
+            assert_eq!(shaded(code, [1.0; 3], &light), code);
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! Receivers in front of the post: their light with the virtual geometry and without it -> factors -> the view in its shadow.
+
+use super::reading::white_light;
+use super::{Relighter, View};
+use crate::weights::PatchWeights;
+use relume_firmware::receivers::{Receivers, factor, share_of_view, shaded};
+use relume_firmware::field::Field;
+use relume_firmware::tile::{TILE_PIXELS, TILE_PX};
+use relume_firmware::tone::ViewLight;
+use relume_firmware::weights::WeightError;
+
+/// Shares of display white between which what a white surface shows in all the light is kept: so nothing is beyond white, and
+/// half a code is little.
+const WHITE: std::ops::RangeInclusive<f64> = 0.2..=1.0;
+
+/// The receivers of a field under the newest light.
+pub struct ReceiverLight<'f> {
+    with: Relighter<'f>,
+    without: Relighter<'f>,
+    /// Linear values of both, laid out like the row scales.
+    light: [Vec<f32>; 2],
+    /// What the view is multiplied by, same layout.
+    factors: Vec<f32>,
+    /// Which part of the view's pixel is the receiver, `[tile][padded covered pixel]`: a third of that layout.
+    shares: Vec<f32>,
+    exposure: f32,
+    /// `[tile]`: changed since the view was shaded last.
+    changed: Vec<bool>,
+    tone: ViewLight,
+}
+
+impl<'f> ReceiverLight<'f> {
+    /// Of the receivers of `field`.
+    pub fn new(field: &Field<'f>, receivers: Receivers<'f>) -> Self {
+        let (with, without) = (Relighter::new(receivers.with, 1), Relighter::new(receivers.without, 1));
+        let length = with.light_len().max(without.light_len());
+        let tiles = field.response().tiles();
+        let mut shares = vec![0.0; length / 3];
+        for index in 0..tiles {
+            let (tile, own) = (receivers.with.response().tile(index), field.response().tile(index));
+            let mut covered = [0u8; TILE_PIXELS];
+            let own_shares = own.coverage.unwrap_or(&[255; TILE_PIXELS]);
+            own.covered().zip(own_shares).for_each(|(place, &share)| covered[place] = share);
+            for (k, place) in tile.covered().enumerate() {
+                let receiver = tile.coverage.map_or(255, |coverage| coverage[k]);
+                shares[tile.plane_at / 3 + k] = share_of_view(receiver, covered[place]);
+            }
+        }
+        ReceiverLight {
+            with,
+            without,
+            light: [vec![0.0; length], vec![0.0; length]],
+            factors: vec![1.0; length],
+            shares,
+            exposure: 1.0,
+            changed: vec![true; tiles],
+            tone: ViewLight::new(),
+        }
+    }
+
+    /// Retraces the sun only when it has moved by more than this, degrees.
+    pub fn set_sun_step_deg(&mut self, step_deg: f64) {
+        self.both(|relighter| relighter.set_sun_step_deg(step_deg));
+    }
+
+    fn both(&mut self, mut act: impl FnMut(&mut Relighter<'f>)) {
+        act(&mut self.with);
+        act(&mut self.without);
+    }
+
+    /// Has a tracer finished? Then setting the same weights once more takes its work.
+    pub fn has_news(&mut self) -> bool {
+        self.with.has_news() | self.without.has_news()
+    }
+
+    /// Takes new weights.
+    ///
+    /// # Errors
+    /// [`WeightError`]; everything then stays as it was.
+    pub fn set_weights(&mut self, weights: &PatchWeights) -> Result<(), WeightError> {
+        let white = white_light(weights, self.with.field());
+        if white > 0.0 && !WHITE.contains(&(white * f64::from(self.exposure))) {
+            self.exposure = 2f64.powf(-white.log2().ceil()).clamp(1e-30, 1e30) as f32;
+        }
+        self.with.set_weights(weights, self.exposure)?;
+        self.without.set_weights(weights, self.exposure)
+    }
+
+    /// Brings the factors up to the newest weights; how many tiles of them have changed.
+    pub fn follow(&mut self) -> usize {
+        let [with, without] = &mut self.light;
+        self.with.keep_light(with);
+        self.without.keep_light(without);
+        let mut count = 0;
+        let changed = &mut self.changed;
+        let mut note = |tile: usize| changed[tile] = true;
+        self.with.take_written(&mut note);
+        self.without.take_written(&mut note);
+        for index in (0..self.changed.len()).filter(|&index| self.changed[index]) {
+            let tile = self.with.tile(index);
+            let (n, from) = (tile.padded_pixels(), tile.plane_at);
+            for channel in 0..3 {
+                for k in 0..n {
+                    let at = from + channel * n + k;
+                    self.factors[at] = factor(self.light[0][at], self.light[1][at], self.shares[from / 3 + k]);
+                }
+            }
+            count += usize::from(tile.pixels() > 0);
+        }
+        count
+    }
+
+    /// Shades the view: `real` -> `shown`, of the field's size; where the factors have changed, or everywhere.
+    pub fn shade(&mut self, real: &[u32], shown: &mut [u32], everywhere: bool) {
+        if everywhere {
+            shown.copy_from_slice(real);
+        }
+        let (width, columns) = (self.with.field().width(), self.with.field().response().grid().0);
+        for index in 0..self.changed.len() {
+            if !std::mem::take(&mut self.changed[index]) && !everywhere {
+                continue;
+            }
+            let tile = self.with.tile(index);
+            let (n, from) = (tile.padded_pixels(), tile.plane_at);
+            let corner = index / columns * TILE_PX * width + index % columns * TILE_PX;
+            for (k, place) in tile.covered().enumerate() {
+                let at = corner + place / TILE_PX * width + place % TILE_PX;
+                let factors = std::array::from_fn(|channel| self.factors[from + channel * n + k]);
+                shown[at] = shaded(real[at], factors, &self.tone);
+            }
+        }
+    }
+}
+
+impl ReceiverLight<'static> {
+    /// Traces the sun on threads of their own.
+    ///
+    /// # Errors
+    /// When the system has no thread to give.
+    pub fn trace_behind(&mut self) -> std::io::Result<()> {
+        self.with.trace_behind()?;
+        self.without.trace_behind()
+    }
+}
+
+/// The view as it is and as it is shown.
+pub struct ShadedView<'f> {
+    light: ReceiverLight<'f>,
+    /// As it is.
+    real: Vec<u32>,
+    /// Has it changed since it was shaded?
+    is_new: bool,
+}
+
+impl<'f> ShadedView<'f> {
+    /// Of a view.
+    pub fn new(light: ReceiverLight<'f>, view: &View) -> Self {
+        ShadedView { light, real: view.pixels().to_vec(), is_new: true }
+    }
+
+    /// The receivers.
+    pub fn light_mut(&mut self) -> &mut ReceiverLight<'f> {
+        &mut self.light
+    }
+
+    /// The view as it is.
+    pub fn real(&self) -> &[u32] {
+        &self.real
+    }
+
+    /// Exchanges the pixels of the view. Pixels of another size are left where they are.
+    pub fn exchange(&mut self, pixels: &mut Vec<u32>) {
+        if pixels.len() == self.real.len() {
+            std::mem::swap(&mut self.real, pixels);
+            self.is_new = true;
+        }
+    }
+
+    /// Brings `view` up to date, if there is anything new; how many tiles of receivers have changed.
+    pub fn follow(&mut self, view: &mut View) -> usize {
+        let changed = self.light.follow();
+        if changed > 0 || self.is_new {
+            self.light.shade(&self.real, view.pixels_mut(), self.is_new);
+            self.is_new = false;
+        }
+        changed
+    }
+}
