@@ -202,7 +202,11 @@ impl Intake {
         let job = jobs.main();
         let sky = job.test_light.names().position(|name| name == PREVIEW_SKY).unwrap_or(0);
         let begin = |file: &PathBuf| Preview::new(file.clone(), options.size, sky, &job.small);
-        Intake { all: jobs::Intake::new(jobs), virtual_blocks: job.blocks(), preview: options.preview.as_ref().map(begin) }
+        Intake {
+            all: jobs::Intake::new(jobs),
+            virtual_blocks: job.blocks(),
+            preview: options.preview.as_ref().map(begin),
+        }
     }
 
     fn take(&mut self, block: DoneBlock) {

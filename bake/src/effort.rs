@@ -5,8 +5,8 @@
 use crate::bake::{BakeError, BakeOptions};
 use crate::camera::Camera;
 use crate::job::Job;
-use crate::part::Part;
 use crate::noise::{Noise, covered_tiles, some_of};
+use crate::part::Part;
 use crate::response::TransportOptions;
 use crate::scene::Scene;
 use rayon::prelude::*;

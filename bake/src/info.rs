@@ -4,6 +4,7 @@ use crate::noise::Noise;
 use crate::report::Report;
 use relume_firmware::field::{CameraRecord, Field};
 use relume_firmware::glue::failure::Failure;
+use relume_firmware::receivers::Receivers;
 use relume_firmware::tile::MAX_RANK;
 use serde::Serialize;
 use std::fmt;
@@ -31,6 +32,7 @@ pub struct Info {
     ranks: Ranks,
     sun_casters: usize,
     sun_highlights: bool,
+    receivers: Option<ReceiverInfo>,
     layers: Vec<LayerInfo>,
     bake: Option<Report>,
 }
@@ -42,6 +44,32 @@ struct CameraInfo {
     up: [f32; 3],
     fov_y_deg: f32,
     north_deg: f32,
+}
+
+/// What a field says about its receivers; their bytes are not among those of its covered pixels.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct ReceiverInfo {
+    /// Pixels that show some.
+    pixels: usize,
+    /// Layers with the virtual geometry and without it.
+    bytes: [usize; 2],
+    /// What a frame reads of both, per pixel that shows some.
+    bytes_per_pixel: f64,
+}
+
+impl ReceiverInfo {
+    fn of(receivers: &Receivers<'_>) -> Self {
+        let pixels = receivers.with.response().covered();
+        let read = bytes_read(&receivers.with) + bytes_read(&receivers.without);
+        ReceiverInfo { pixels, bytes: receivers.bytes(), bytes_per_pixel: read as f64 / pixels.max(1) as f64 }
+    }
+}
+
+/// Bytes of a response and its coverage that a frame may read.
+fn bytes_read(field: &Field<'_>) -> usize {
+    let tiles = field.response();
+    let own = (0..tiles.tiles()).map(|t| tiles.tile(t).bytes());
+    own.chain((0..tiles.blocks()).map(|block| tiles.v_bytes(block))).sum()
 }
 
 /// Ranks of the tiles, counted by covered pixels.
@@ -90,6 +118,7 @@ impl Info {
         let fault = |what: &dyn fmt::Display| Failure::bad(format!("{}: {what}", path.display()));
         let bytes = std::fs::read(path).map_err(|error| fault(&error))?;
         let field = Field::new(&bytes).map_err(|error| fault(&error))?;
+        Receivers::of(&field).map_err(|error| fault(&error))?;
         Ok(Self::of(&field, &path.display().to_string()))
     }
 
@@ -98,9 +127,8 @@ impl Info {
         let header = field.header();
         let CameraRecord { position, target, up, fov_y_deg, north_deg } = header.camera;
         let covered = field.response().covered();
-        let tiles = field.response();
-        let own = (0..tiles.tiles()).map(|t| tiles.tile(t).bytes());
-        let read: usize = own.chain((0..tiles.blocks()).map(|block| tiles.v_bytes(block))).sum();
+        let receivers = Receivers::of(field).ok().flatten().map(|receivers| ReceiverInfo::of(&receivers));
+        let own_bytes = field.file_bytes() - receivers.map_or(0, |receivers| receivers.bytes.iter().sum());
         let per_pixel = |bytes: usize| bytes as f64 / covered.max(1) as f64;
         let kind = |kind: [u8; 4]| String::from_utf8_lossy(&kind).into_owned();
         Info {
@@ -118,11 +146,12 @@ impl Info {
             site: header.site,
             seed: header.seed,
             max_hits: header.max_hits,
-            bytes_per_covered_pixel: per_pixel(read),
-            bytes_stored_per_covered_pixel: per_pixel(field.file_bytes()),
+            bytes_per_covered_pixel: per_pixel(bytes_read(field)),
+            bytes_stored_per_covered_pixel: per_pixel(own_bytes),
             ranks: Ranks::of(field),
             sun_casters: field.sun_surfaces().casters().len(),
             sun_highlights: field.sun_surfaces().is_glossy(),
+            receivers,
             layers: field.layers().map(|layer| LayerInfo { kind: kind(layer.kind), bytes: layer.length }).collect(),
             bake: serde_json::from_slice(field.meta()).ok(),
         }
@@ -185,6 +214,10 @@ impl fmt::Display for Info {
         }
         let gleams = if self.sun_highlights { ", with highlights" } else { "" };
         writeln!(f, "sun       {} casters{gleams}", self.sun_casters)?;
+        if let Some(ReceiverInfo { pixels, bytes: [with, without], bytes_per_pixel }) = self.receivers {
+            let bytes = with + without;
+            writeln!(f, "receivers {pixels} px, {bytes} bytes apart, {bytes_per_pixel:.1} read per pixel of theirs")?;
+        }
         for layer in &self.layers {
             writeln!(f, "layer     {} {:>12} bytes", layer.kind, layer.bytes)?;
         }

@@ -49,8 +49,7 @@ impl<'s> Jobs<'s> {
     /// # Errors
     /// [`BakeError`].
     pub fn new(scenes: &'s Scenes<'s>, camera: &Camera, options: &BakeOptions) -> Result<Self, BakeError> {
-        let jobs: Result<Vec<_>, _> =
-            scenes.parts().into_iter().map(|part| Job::new(part, camera, options)).collect();
+        let jobs: Result<Vec<_>, _> = scenes.parts().into_iter().map(|part| Job::new(part, camera, options)).collect();
         Ok(Jobs(jobs?))
     }
 

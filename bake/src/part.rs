@@ -63,7 +63,6 @@ impl<'s> Eye<'s> {
             geometry.closest(origin, dir_world, seed).filter(|hit| scene.role(hit.triangle) == self.part.shows)?;
         }
         let hit = tracer.geometry.closest(origin, dir_world, seed)?;
-        (self.part.scene.role(hit.triangle) == self.part.shows)
-            .then(|| tracer.geometry.surface(&hit, dir_world, cone))
+        (self.part.scene.role(hit.triangle) == self.part.shows).then(|| tracer.geometry.surface(&hit, dir_world, cone))
     }
 }

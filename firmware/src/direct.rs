@@ -184,6 +184,10 @@ impl Facet {
 
 /// Lobes of this alpha and wider change little over the disc: half vectors turn by less than a twentieth of their width.
 const EVEN: f32 = 0.05;
+/// From this many of the disc's radii above the horizon of a surface on, the cosine changes little over the disc.
+const STEEP: f32 = 4.0;
+/// Where directions to the eye differ by less than this share of a lobe's width, they are one.
+const ONE_VIEW: f32 = 0.02;
 
 /// What one point of a glossy fragment sends to the eye.
 #[derive(Clone, Copy)]
@@ -235,7 +239,12 @@ impl Facet {
         if passage == Passage::Blocked {
             return (base, specular);
         }
-        let even = passage == Passage::Free && gloss.lobe.alpha >= EVEN && height > disc.slope;
+        let even = gloss.lobe.alpha >= EVEN
+            && height > STEEP * disc.slope
+            && (passage == Passage::Free || dot(self.normals[0], disc.axis) > STEEP * disc.slope);
+        if even {
+            return self.lit_evenly(casters, disc, suspects, (gloss, eye), passage == Passage::Parted);
+        }
         let mut take = |gleam: &Gleam<'_>, light: Vec3, share: f32| {
             let (through, off) = gleam.of(light);
             base += through * share;
@@ -243,10 +252,6 @@ impl Facet {
         };
         for k in 0..self.count {
             let gleam = self.gleam(k, gloss, eye);
-            if even {
-                take(&gleam, disc.axis, SHARE as f32);
-                continue;
-            }
             let above = |light: &&Vec3| dot(self.plane, **light) > 0.0 && gleam.is_lit(**light);
             for &light in disc.share(usize::from(self.strata[k])).iter().filter(above) {
                 let parted = passage == Passage::Parted;
@@ -256,6 +261,45 @@ impl Facet {
         }
         let all = 1.0 / (self.count * SHARE) as f32;
         (base * all, mul(specular, all))
+    }
+
+    /// The same where neither lobe nor cosine changes over the disc: what is reflected of the disc's middle times what is seen of
+    /// the disc. A flat facet that is small from where the eye is has one reflection for all of its points.
+    fn lit_evenly(
+        &self,
+        casters: &Casters<'_>,
+        disc: &SunDisc,
+        suspects: &mut Suspects,
+        (gloss, eye): (&Gloss, Vec3),
+        parted: bool,
+    ) -> (f32, Vec3) {
+        let seen = |suspects: &mut Suspects, k: usize| {
+            if !parted {
+                return 1.0;
+            }
+            let lights = disc.share(usize::from(self.strata[k])).iter();
+            let mean = 1.0 / SHARE as f32;
+            lights.map(|&light| casters.transmittance_past(suspects, self.points[k], light) * mean).sum::<f32>()
+        };
+        let across = length(sub(self.points[0], self.points[self.count - 1]));
+        let is_one = self.is_flat && across < ONE_VIEW * gloss.lobe.alpha * length(sub(eye, self.points[0]));
+        let mean = 1.0 / self.count as f32;
+        if is_one {
+            let visible = (0..self.count).map(|k| seen(suspects, k)).sum::<f32>() * mean;
+            let (base, specular) =
+                if visible > 0.0 { self.gleam(0, gloss, eye).of(disc.axis) } else { (0.0, [0.0; 3]) };
+            return (base * visible, mul(specular, visible));
+        }
+        let (mut base, mut specular) = (0.0, [0.0; 3]);
+        for k in 0..self.count {
+            let visible = seen(suspects, k) * mean;
+            if visible > 0.0 {
+                let (through, off) = self.gleam(k, gloss, eye).of(disc.axis);
+                base += through * visible;
+                specular = add(specular, mul(off, visible));
+            }
+        }
+        (base, specular)
     }
 }
 

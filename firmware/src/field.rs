@@ -88,8 +88,7 @@ pub type LayerKind = [u8; 4];
 /// Kinds that this version reads.
 pub const KNOWN_LAYERS: [LayerKind; 22] = [
     *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"CAST", *b"CBVH", *b"FRGT", *b"FRAG", *b"BPNT", *b"BTIL",
-    *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD", *b"DIRS", *b"GLST", *b"GLSS",
-    *b"RCVW", *b"RCVO",
+    *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD", *b"DIRS", *b"GLST", *b"GLSS", *b"RCVW", *b"RCVO",
 ];
 
 /// What is wrong with a field; each message says what to do.
@@ -186,9 +185,8 @@ impl<'a> Field<'a> {
     pub(crate) fn inside(bytes: &'a [u8], around: &'a [u8]) -> Result<Self, FieldError> {
         let header = check_header(bytes)?;
         let shared = |kind| if around.is_empty() || !SHARED.contains(&kind) { None } else { find_layer(around, kind) };
-        let layer = |kind: LayerKind| {
-            find_layer(bytes, kind).or_else(|| shared(kind)).ok_or(FieldError::MissingLayer(kind))
-        };
+        let layer =
+            |kind: LayerKind| find_layer(bytes, kind).or_else(|| shared(kind)).ok_or(FieldError::MissingLayer(kind));
         let edge = crate::tile::TILE_PX as u32;
         let tiles = (header.width.div_ceil(edge), header.height.div_ceil(edge));
         let size = (header.width, header.height);

@@ -235,12 +235,15 @@ fn clock(r: &Reader, interval_by_default_s: f64) -> Result<ClockConfig, ConfigEr
 }
 
 fn exposure(r: &Reader) -> Result<ExposureMode, ConfigError> {
-    let fixed = r.choice("exposure.mode", &[("auto", false), ("fixed", true)])?.unwrap_or(false);
-    match (fixed, r.number("exposure.ev", EV_RANGE)?) {
-        (true, Some(ev)) => Ok(ExposureMode::Fixed(ev)),
-        (false, None) => Ok(ExposureMode::Auto),
-        (true, None) => Err(r.fault("exposure.ev is missing: exposure.mode = \"fixed\" shows radiance x 2^ev".into())),
-        (false, Some(_)) => Err(r.fault("exposure.ev is only used with exposure.mode = \"fixed\"".into())),
+    let modes = [("auto", ExposureMode::Auto), ("fixed", ExposureMode::Fixed(0.0)), ("view", ExposureMode::View)];
+    let mode = r.choice("exposure.mode", &modes)?.unwrap_or(ExposureMode::Auto);
+    match (mode, r.number("exposure.ev", EV_RANGE)?) {
+        (ExposureMode::Fixed(_), Some(ev)) => Ok(ExposureMode::Fixed(ev)),
+        (ExposureMode::Fixed(_), None) => {
+            Err(r.fault("exposure.ev is missing: exposure.mode = \"fixed\" shows radiance x 2^ev".into()))
+        }
+        (mode, None) => Ok(mode),
+        (_, Some(_)) => Err(r.fault("exposure.ev is only used with exposure.mode = \"fixed\"".into())),
     }
 }
 

@@ -16,6 +16,8 @@ pub enum ExposureMode {
     Auto,
     /// Always `2^EV`.
     Fixed(f64),
+    /// As the view was exposed: from what it shows of receivers.
+    View,
 }
 
 /// The automatic exposure of one picture: 0.8 / the 99th percentile of all channel values of covered pixels.
@@ -50,24 +52,32 @@ fn percentile(values: &mut [f32], share: f64) -> Option<f64> {
 pub struct ExposureControl {
     mode: ExposureMode,
     shown_ev: Option<f64>,
+    /// The view's gain that is kept to, per channel.
+    gain: Option<[f64; 3]>,
 }
 
 impl ExposureControl {
     /// A control that has shown nothing yet.
     pub fn new(mode: ExposureMode) -> Self {
-        ExposureControl { mode, shown_ev: None }
+        ExposureControl { mode, shown_ev: None, gain: None }
     }
 
-    /// True when the exposure depends on what is seen.
+    /// True when the exposure depends on how bright the picture is: also as long as nothing is known of the view's.
     pub fn is_auto(&self) -> bool {
-        self.mode == ExposureMode::Auto
+        self.mode == ExposureMode::Auto || self.is_by_view() && self.gain.is_none()
+    }
+
+    /// True when the exposure is to be the view's.
+    pub fn is_by_view(&self) -> bool {
+        self.mode == ExposureMode::View
     }
 
     /// The exposure in use, as EV; 0 until a picture was seen.
     pub fn ev(&self) -> f64 {
         match self.mode {
             ExposureMode::Fixed(ev) => ev,
-            ExposureMode::Auto => self.shown_ev.unwrap_or(0.0),
+            ExposureMode::View if self.gain.is_some() => self.gain.map_or(0.0, |[_, green, _]| green.log2()),
+            ExposureMode::Auto | ExposureMode::View => self.shown_ev.unwrap_or(0.0),
         }
     }
 
@@ -79,13 +89,39 @@ impl ExposureControl {
     /// Takes the exposure that the newest picture asks for ([`automatic`]; `None` changes nothing).
     /// Returns true when the exposure in use changed.
     pub fn see(&mut self, wanted: Option<f64>) -> bool {
-        let (ExposureMode::Auto, Some(wanted)) = (self.mode, wanted) else { return false };
+        let Some(wanted) = wanted.filter(|_| self.is_auto()) else { return false };
         let wanted_ev = wanted.log2();
         if self.shown_ev.is_some_and(|shown| (wanted_ev - shown).abs() <= HOLD_EV) {
             return false;
         }
         self.shown_ev = Some((wanted_ev / STEP_EV).round() * STEP_EV);
         true
+    }
+}
+
+/// How far the view's gain must leave the one in use before it is changed, in natural logarithms: the measurement trembles by less,
+/// and an eye does not see it.
+const HOLD_GAIN: f64 = 0.02;
+
+impl ExposureControl {
+    /// Takes the newest gain of the view (linear light per radiance, red, green and blue; `None` changes nothing). Returns
+    /// true when exposure or colour in use changed.
+    pub fn see_gain(&mut self, gain: Option<[f64; 3]>) -> bool {
+        let Some(gain) = gain.filter(|gain| self.is_by_view() && gain.iter().all(|g| g.is_finite() && *g > 0.0)) else {
+            return false;
+        };
+        let is_near = |used: [f64; 3]| gain.iter().zip(used).all(|(new, old)| (new / old).ln().abs() <= HOLD_GAIN);
+        if self.gain.is_some_and(is_near) {
+            return false;
+        }
+        let range = 2f64.powf(*EV_RANGE.start())..=2f64.powf(*EV_RANGE.end());
+        self.gain = Some(gain.map(|g| g.clamp(*range.start(), *range.end())));
+        true
+    }
+
+    /// What the colours of the light are multiplied by, so that white is the view's: green by 1.
+    pub fn colour(&self) -> [f32; 3] {
+        self.gain.map_or([1.0; 3], |gain| gain.map(|g| (g / gain[1]) as f32))
     }
 }
 
@@ -128,6 +164,21 @@ mod tests {
             assert!((control.ev() - wanted_ev).abs() <= HOLD_EV + 1e-9);
         }
         assert!(changes < 50, "{changes}");
+    }
+
+    #[test]
+    fn the_views_gain_is_followed_at_once_but_not_its_trembling() {
+        let mut control = ExposureControl::new(ExposureMode::View);
+        // Until the view tells something the picture itself does.
+        assert!(control.is_auto() && control.see(Some(4.0)) && !control.see_gain(None));
+        assert_eq!((control.factor(), control.colour()), (4.0, [1.0; 3]));
+        assert!(control.see_gain(Some([1.5, 1.0, 0.8])) && !control.is_auto());
+        assert_eq!((control.factor(), control.colour()), (1.0, [1.5, 1.0, 0.8]));
+        assert!(!control.see_gain(Some([1.51, 1.015, 0.79])) && !control.see(Some(4.0)));
+        assert!(control.see_gain(Some([3.0, 2.0, 1.6])));
+        assert_eq!((control.factor(), control.colour()), (2.0, [1.5, 1.0, 0.8]));
+        assert!(!control.see_gain(Some([f64::NAN, 2.0, 1.6])) && !control.see_gain(Some([0.0, 2.0, 1.6])));
+        assert!(!ExposureControl::new(ExposureMode::Auto).see_gain(Some([1.0; 3])));
     }
 
     #[test]

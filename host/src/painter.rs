@@ -37,6 +37,12 @@ pub trait Painter {
     /// The exposure that the picture of the newest weights asks for; `None` in the dark.
     fn wanted_exposure(&mut self) -> Option<f64>;
 
+    /// Linear light of the view (1 = white) per radiance of the newest weights, from what it shows of receivers; `None` where
+    /// it shows none.
+    fn view_gain(&mut self) -> Option<[f64; 3]> {
+        None
+    }
+
     /// Draws what changed, and marks it; the counters tell what that was.
     ///
     /// # Errors

@@ -84,6 +84,8 @@ pub struct Post<'p> {
     damage: Damage,
     held: SkyReading,
     next: SkyReading,
+    /// The held weights in the view's colours, where those are known.
+    balanced: PatchWeights,
     /// Do the weights wait to be relit?
     is_new: bool,
     /// From the last picture of a sky that was relit to its presentation.
@@ -137,6 +139,7 @@ impl<'p> Post<'p> {
             damage: Damage::whole(parts.painter.size().0, parts.painter.size().1),
             held: even_sky(parts.painter.patch_set().len()),
             next: SkyReading::default(),
+            balanced: PatchWeights { radiance: Vec::new(), sun: None },
             is_new: true,
             latency: Latency::default(),
             behind: parts.view.take().map(Behind::new),
@@ -237,6 +240,8 @@ impl<'p> Post<'p> {
     fn show(&mut self, moment: Moment) -> Result<(), Failure> {
         let is_new = std::mem::take(&mut self.is_new);
         if is_new | self.parts.painter.has_news() {
+            self.relight(moment);
+        } else if self.behind.as_ref().is_some_and(Behind::is_new) && self.follow_view() {
             self.relight(moment);
         }
         if self.frames > 0 {

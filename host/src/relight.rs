@@ -22,8 +22,8 @@ mod waiting;
 pub use budget::{Budget, BudgetError};
 pub use buffers::{Framebuffer, Picture, View};
 pub use counters::FrameCounters;
-pub use receivers::{ReceiverLight, ShadedView};
 pub use file::{FieldFile, FieldFileError};
+pub use receivers::{ReceiverLight, ShadedView};
 
 use crate::damage::Damage;
 use crate::weights::PatchWeights;

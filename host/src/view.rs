@@ -3,6 +3,7 @@
 #[cfg(feature = "board")]
 pub mod device;
 pub mod fit;
+pub mod gain;
 pub mod live;
 
 use std::path::{Path, PathBuf};

@@ -22,6 +22,8 @@ pub struct Mesh {
     pub roughness: f32,
     /// Is the base colour multiplied by the texture?
     pub textured: bool,
+    /// What its node is marked as, if it is.
+    pub role: Option<&'static str>,
 }
 
 impl Mesh {
@@ -36,6 +38,7 @@ impl Mesh {
             metallic: 0.0,
             roughness: 1.0,
             textured: false,
+            role: None,
         }
     }
 }
@@ -193,7 +196,11 @@ fn document(meshes: &[Mesh], picture: Option<Picture<'_>>) -> (Value, Vec<u8>) {
             json!({"pbrMetallicRoughness": surface})
         })
         .collect();
-    let nodes: Vec<Value> = (0..meshes.len()).map(|k| json!({"mesh": k})).collect();
+    let node = |(k, mesh): (usize, &Mesh)| match mesh.role {
+        Some(role) => json!({"mesh": k, "extras": {"relume": role}}),
+        None => json!({"mesh": k}),
+    };
+    let nodes: Vec<Value> = meshes.iter().enumerate().map(node).collect();
     let mut root = json!({
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": (0..nodes.len()).collect::<Vec<_>>()}],
         "nodes": nodes, "meshes": written, "materials": materials,
@@ -276,6 +283,26 @@ pub fn polished() -> Vec<Mesh> {
 pub fn write_polished(folder: &Path) {
     crate::files::put(&folder.join("scene.glb"), glb(&polished(), None));
     let camera = r#"{"position":[0.6,2.0,6.2],"target":[0.0,0.75,0],"up":[0,1,0],"fov_y_deg":34}"#;
+    crate::files::put(&folder.join("camera.json"), camera);
+}
+
+/// A house that has vanished, on real ground, behind a real wall's stump, with a tree trunk in front of it.
+pub fn site() -> Vec<Mesh> {
+    let house = cuboid([-1.6, 0.0, -1.4], [1.4, 2.2, 0.6], [0.7, 0.5, 0.3]);
+    let mut floor = ground(14.0, 0.0, [0.4, 0.42, 0.3]);
+    let mut stump = cuboid([2.2, 0.0, -0.6], [3.6, 0.9, -0.2], [0.6, 0.58, 0.52]);
+    let mut trunk = cuboid([-0.9, 0.0, 2.4], [-0.6, 3.4, 2.7], [0.25, 0.2, 0.15]);
+    (floor.role, stump.role, trunk.role) = (Some("receiver"), Some("receiver"), Some("occluder"));
+    vec![floor, stump, house, trunk]
+}
+
+/// Writes the site as `scene.glb` and its camera as `camera.json`.
+///
+/// # Panics
+/// If they cannot be written.
+pub fn write_site(folder: &Path) {
+    crate::files::put(&folder.join("scene.glb"), glb(&site(), None));
+    let camera = r#"{"position":[2.0,2.4,9.0],"target":[0.6,0.7,0],"up":[0,1,0],"fov_y_deg":40}"#;
     crate::files::put(&folder.join("camera.json"), camera);
 }
 

@@ -143,6 +143,10 @@ impl Painter for FieldPainter<'_> {
         automatic_of(&mut self.sampled)
     }
 
+    fn view_gain(&mut self) -> Option<[f64; 3]> {
+        self.shaded.as_mut()?.gain()
+    }
+
     fn draw(&mut self, damage: &mut Damage) -> anyhow::Result<FrameCounters> {
         let receiver_tiles_drawn = self.shaded.as_mut().map_or(0, |shaded| shaded.follow(&mut self.view));
         let counters = self.relighter.draw(&self.view, &mut self.framebuffer);

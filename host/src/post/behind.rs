@@ -40,6 +40,11 @@ impl<'p> Behind<'p> {
         self.source.stop();
     }
 
+    /// Is there a picture that was not presented yet?
+    pub(super) fn is_new(&self) -> bool {
+        self.is_new
+    }
+
     pub(super) fn state(&self) -> ViewState {
         self.state
     }

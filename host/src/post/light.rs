@@ -6,6 +6,7 @@ use crate::failure::Failure;
 use crate::health::WeightsState;
 use crate::lightlog::LoggedLight;
 use crate::sky_source::{SkyFault, SunSource};
+use crate::weights::SunWeight;
 
 impl Post<'_> {
     /// Asks the sky for new weights and keeps the old ones if there are none. True when there will be no more.
@@ -52,7 +53,8 @@ impl Post<'_> {
     pub(super) fn relight(&mut self, moment: Moment) {
         let (mut used, mut passes) = ([0.0; 2], 0);
         while let Some(exposure) = self.next_exposure(passes) {
-            match self.parts.painter.relight(&self.held.weights, exposure) {
+            self.balance();
+            match self.parts.painter.relight(&self.balanced, exposure) {
                 Ok(note) => self.note = note,
                 Err(error) => return self.refuse(error),
             }
@@ -62,6 +64,26 @@ impl Post<'_> {
         self.log(moment, &used[..passes]);
     }
 
+    /// Brings the held weights into the view's colours.
+    fn balance(&mut self) {
+        let colour = self.exposure.colour();
+        let tint = |rgb: [f32; 3]| std::array::from_fn(|c| rgb[c] * colour[c]);
+        self.balanced.radiance.clear();
+        self.balanced.radiance.extend(self.held.weights.radiance.iter().copied().map(tint));
+        self.balanced.sun = self.held.weights.sun.map(|sun| SunWeight { irradiance: tint(sun.irradiance), ..sun });
+    }
+
+    /// Exposes as the view is exposed, where that is asked for and known. True when exposure or colour changed.
+    pub(super) fn follow_view(&mut self) -> bool {
+        if !self.exposure.is_by_view() {
+            return false;
+        }
+        // What was relit has the colours in use already.
+        let colour = self.exposure.colour();
+        let gain = self.parts.painter.view_gain();
+        self.exposure.see_gain(gain.map(|gain| std::array::from_fn(|c| gain[c] * f64::from(colour[c]))))
+    }
+
     /// The exposure of a pass over new weights; `None` when they are done.
     fn next_exposure(&mut self, pass: usize) -> Option<f32> {
         match pass {
@@ -69,7 +91,8 @@ impl Post<'_> {
             _ if !self.held.exposures.is_empty() => self.held.exposures.get(pass).copied(),
             0 => Some(self.exposure.factor()),
             _ => {
-                let changes = self.exposure.is_auto() && self.exposure.see(self.parts.painter.wanted_exposure());
+                let changes = self.follow_view()
+                    || self.exposure.is_auto() && self.exposure.see(self.parts.painter.wanted_exposure());
                 self.exposure_changes += u64::from(changes);
                 changes.then(|| self.exposure.factor())
             }
@@ -86,7 +109,7 @@ impl Post<'_> {
     /// Notes the light in the log, if there is one. A full disk ends the log, not the picture.
     fn log(&mut self, moment: Moment, exposures: &[f32]) {
         let Some(log) = &mut self.light_log else { return };
-        let weights = &self.held.weights;
+        let weights = &self.balanced;
         // A sun that is still being traced is not in the picture.
         let sun = weights.sun.zip(self.parts.painter.sun_dir_world());
         let light = LoggedLight {

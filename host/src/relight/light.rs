@@ -21,7 +21,9 @@ impl Relighter<'_> {
         let drew = self.with_drawing(&nothing, |drawing| {
             let mut linear = LinearTile::new();
             let tiles = states.iter_mut().enumerate();
-            tiles.map(|(index, state)| drawing.keep(index, state, (&mut linear, &mut *light))).fold(Drew::default(), Drew::and)
+            tiles
+                .map(|(index, state)| drawing.keep(index, state, (&mut linear, &mut *light)))
+                .fold(Drew::default(), Drew::and)
         });
         self.states = states;
         let counters = self.count(&drew);
@@ -52,10 +54,12 @@ impl Drawing<'_> {
         if state.urgency == 0.0 {
             return Drew { kept: 1, ..Drew::default() };
         }
-        let with = relume_firmware::relight::TileLight { sun: self.sun, weights: shown.weights, unpacked: self.unpacked };
+        let with =
+            relume_firmware::relight::TileLight { sun: self.sun, weights: shown.weights, unpacked: self.unpacked };
         let extent = shown.coefficients.pixels(self.field, tile, &with, self.compositor.kernel, linear);
         let n = tile.padded_pixels();
-        for (plane, kept) in linear.planes(n).into_iter().zip(light[tile.plane_at..tile.plane_at + 3 * n].chunks_mut(n)) {
+        for (plane, kept) in linear.planes(n).into_iter().zip(light[tile.plane_at..tile.plane_at + 3 * n].chunks_mut(n))
+        {
             kept.copy_from_slice(plane);
         }
         state.is_new = true;

@@ -2,9 +2,10 @@
 
 use super::reading::white_light;
 use super::{Relighter, View};
+use crate::view::gain::middle;
 use crate::weights::PatchWeights;
-use relume_firmware::receivers::{Receivers, factor, share_of_view, shaded};
 use relume_firmware::field::Field;
+use relume_firmware::receivers::{DARKEST, Receivers, factor, shaded, share_of_view};
 use relume_firmware::tile::{TILE_PIXELS, TILE_PX};
 use relume_firmware::tone::ViewLight;
 use relume_firmware::weights::WeightError;
@@ -12,6 +13,24 @@ use relume_firmware::weights::WeightError;
 /// Shares of display white between which what a white surface shows in all the light is kept: so nothing is beyond white, and
 /// half a code is little.
 const WHITE: std::ops::RangeInclusive<f64> = 0.2..=1.0;
+
+/// Pixels that show nothing but receivers by which a view's gain is measured, at most.
+const GAUGES: usize = 4096;
+/// Codes that tell how much light there was: not clipped, and not so dark that one code is much.
+const TELLING: std::ops::RangeInclusive<u8> = 16..=245;
+
+/// Receivers darker than this share of a white surface in the open tell nothing.
+const DIMMEST: f32 = 8.0 * DARKEST;
+
+/// A pixel of the view that shows nothing but receivers.
+#[derive(Clone, Copy)]
+struct WholePixel {
+    /// In the picture.
+    place: usize,
+    /// In the plane of the first channel, and from channel to channel.
+    at: usize,
+    pitch: usize,
+}
 
 /// The receivers of a field under the newest light.
 pub struct ReceiverLight<'f> {
@@ -24,6 +43,10 @@ pub struct ReceiverLight<'f> {
     /// Which part of the view's pixel is the receiver, `[tile][padded covered pixel]`: a third of that layout.
     shares: Vec<f32>,
     exposure: f32,
+    /// Pixels that show nothing but receivers.
+    whole: Vec<WholePixel>,
+    /// Room for the logarithms of their gains.
+    logs: Vec<f64>,
     /// `[tile]`: changed since the view was shaded last.
     changed: Vec<bool>,
     tone: ViewLight,
@@ -46,11 +69,14 @@ impl<'f> ReceiverLight<'f> {
                 shares[tile.plane_at / 3 + k] = share_of_view(receiver, covered[place]);
             }
         }
+        let whole = whole_pixels(&with, &shares);
         ReceiverLight {
             with,
             without,
             light: [vec![0.0; length], vec![0.0; length]],
             factors: vec![1.0; length],
+            whole,
+            logs: Vec::with_capacity(GAUGES),
             shares,
             exposure: 1.0,
             changed: vec![true; tiles],
@@ -84,6 +110,24 @@ impl<'f> ReceiverLight<'f> {
         }
         self.with.set_weights(weights, self.exposure)?;
         self.without.set_weights(weights, self.exposure)
+    }
+
+    /// Linear light of `view` (1 = white) per radiance of the newest weights, from what it shows of the receivers; `None` where
+    /// that is too little. Like [`ReceiverLight::shade`] it counts from the last [`ReceiverLight::follow`] on.
+    pub fn gain(&mut self, view: &[u32]) -> Option<[f64; 3]> {
+        let mut gain = [0.0; 3];
+        for (channel, gain) in gain.iter_mut().enumerate() {
+            self.logs.clear();
+            for pixel in &self.whole {
+                let code = view[pixel.place].to_be_bytes()[1 + channel];
+                let light = self.light[1][pixel.at + channel * pixel.pitch];
+                if TELLING.contains(&code) && light > DIMMEST {
+                    self.logs.push(f64::from(self.tone.linear(code) / light).ln());
+                }
+            }
+            *gain = f64::from(self.exposure) * middle(&mut self.logs)?.exp();
+        }
+        Some(gain)
     }
 
     /// Brings the factors up to the newest weights; how many tiles of them have changed.
@@ -132,6 +176,26 @@ impl<'f> ReceiverLight<'f> {
     }
 }
 
+/// Pixels that are all receiver, spread over the picture.
+fn whole_pixels(receivers: &Relighter<'_>, shares: &[f32]) -> Vec<WholePixel> {
+    let field = receivers.field();
+    let (width, columns) = (field.width(), field.response().grid().0);
+    let mut whole = Vec::new();
+    for index in 0..field.response().tiles() {
+        let tile = receivers.tile(index);
+        let corner = index / columns * TILE_PX * width + index % columns * TILE_PX;
+        for (k, place) in tile.covered().enumerate() {
+            let is_whole = tile.coverage.is_none_or(|coverage| coverage[k] == 255);
+            if is_whole && shares[tile.plane_at / 3 + k] == 1.0 {
+                let place = corner + place / TILE_PX * width + place % TILE_PX;
+                whole.push(WholePixel { place, at: tile.plane_at + k, pitch: tile.padded_pixels() });
+            }
+        }
+    }
+    let step = whole.len().div_ceil(GAUGES).max(1);
+    whole.into_iter().step_by(step).collect()
+}
+
 impl ReceiverLight<'static> {
     /// Traces the sun on threads of their own.
     ///
@@ -174,6 +238,12 @@ impl<'f> ShadedView<'f> {
             std::mem::swap(&mut self.real, pixels);
             self.is_new = true;
         }
+    }
+
+    /// See [`ReceiverLight::gain`].
+    pub fn gain(&mut self) -> Option<[f64; 3]> {
+        self.light.follow();
+        self.light.gain(&self.real)
     }
 
     /// Brings `view` up to date, if there is anything new; how many tiles of receivers have changed.

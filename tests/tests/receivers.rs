@@ -1,0 +1,232 @@
+//! Real ground in the shadow of what is not there: marks in the scene, the field's receivers, the view behind.
+
+#![allow(clippy::unwrap_used)]
+
+use relume::map::RadianceMap;
+use relume_bake::environment::{Environment, Reference, reference};
+use relume_bake::material::Shading;
+use relume_bake::scene::{Role, Scene};
+use relume_tests::files::{fresh_folder, put};
+use relume_tests::light::{Light, patches};
+use relume_tests::picture::{read_exr, read_grey};
+use relume_tests::program::{bake_in, relume_in};
+use relume_tests::scene::{courtyard, glb, site, write_site};
+use std::path::Path;
+use std::sync::OnceLock;
+
+const SIZE: (u32, u32) = (96, 64);
+const SUN: &str = "230,38";
+
+/// A folder with the site baked, and its stacks.
+fn baked() -> &'static Path {
+    static FOLDER: OnceLock<std::path::PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "receivers");
+        write_site(&folder);
+        bake_in(&folder, &args("scene", "a.field", &["--stack", "stack", "--sun", SUN])).well();
+        folder
+    })
+}
+
+fn args<'a>(command: &'a str, out: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    let args = [
+        command,
+        "scene.glb",
+        "--camera",
+        "camera.json",
+        "--size",
+        "96x64",
+        "--directions",
+        "128",
+        "--materials",
+        "lambert",
+        "-o",
+        out,
+    ];
+    [&args[..], more].concat()
+}
+
+/// sRGB of linear light (IEC 61966-2-1), and back.
+fn code(linear: f64) -> f64 {
+    let v = linear.clamp(0.0, 1.0);
+    255.0 * if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
+}
+
+fn linear(code: u8) -> f64 {
+    let v = f64::from(code) / 255.0;
+    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
+
+fn read_png(path: &Path) -> image::RgbImage {
+    image::open(path).unwrap().into_rgb8()
+}
+
+fn as_view(folder: &Path, name: &str, picture: &Reference, exposure: f64) {
+    let rgb = |x, y| {
+        let pixel = picture.rgb[(y * picture.width + x) as usize];
+        image::Rgb(pixel.map(|v| code(f64::from(v) * exposure).round() as u8))
+    };
+    image::RgbImage::from_fn(picture.width, picture.height, rgb).save(folder.join(name)).unwrap();
+}
+
+#[test]
+fn the_view_is_multiplied_by_what_the_stacks_say() {
+    let (folder, count) = (baked(), patches(&baked().join("stack")).0.len());
+    let uneven = (0..count).map(|k| [0.2 + 0.8 * f64::from(u8::from(k % 3 == 0)), 0.5, 0.9]).collect();
+    let lights =
+        [Light { radiance: vec![[1.0; 3]; count], sun: None }, Light { radiance: uneven, sun: Some([2.5, 2.3, 2.0]) }];
+    image::RgbImage::from_pixel(SIZE.0, SIZE.1, image::Rgb([120, 140, 100])).save(folder.join("flat.png")).unwrap();
+    let view = [120, 140, 100].map(linear);
+    for (light, name) in lights.iter().zip(["even", "sun"]) {
+        put(&folder.join("w.csv"), light.csv(&folder.join("stack")));
+        let out = format!("{name}.png");
+        let relight =
+            ["relight", "a.field", "--weights", "w.csv", "--view", "flat.png", "--exposure", "-1", "-o", &out];
+        relume_in(folder, &relight).well();
+        let shown = read_png(&folder.join(&out));
+        let [own, with, without] = ["stack", "stack/with", "stack/without"].map(|stack| light.sum(&folder.join(stack)));
+        let (mut most, mut squares, mut darkest) = (0.0f64, 0.0, 1.0f64);
+        for at in 0..own.rgb.len() {
+            let real = 1.0 - own.alpha[at];
+            let share = if real > 0.0 { (with.alpha[at] / real).min(1.0) } else { 0.0 };
+            for c in 0..3 {
+                let ratio = match without.rgb[at][c] {
+                    light if light > 0.0 => with.rgb[at][c] / light,
+                    _ => 1.0,
+                };
+                let expected = code(own.rgb[at][c] * 0.5 + real * view[c] * (1.0 + share * (ratio - 1.0)));
+                let found = f64::from(shown.as_raw()[3 * at + c]);
+                most = most.max((found - expected).abs());
+                squares += (found - expected).powi(2);
+                darkest = darkest.min(if share > 0.99 { ratio } else { 1.0 });
+            }
+        }
+        let rms = (squares / (3 * own.rgb.len()) as f64).sqrt();
+        eprintln!("{name}: {most:.2} codes at most, rms {rms:.3}, darkest ratio {darkest:.2}");
+        assert!(darkest < 0.6, "{name}: no shadow: {darkest}");
+        assert!(most <= 6.0 && rms < 0.6, "{name}: {most} codes, rms {rms}");
+    }
+}
+
+/// A sky that brightens towards -X, and a sun.
+fn sky() -> (Vec<[f32; 3]>, ([f32; 3], [f32; 3])) {
+    let pixel = |k: usize| {
+        let (x, row) = ((k % 128) as f32 / 128.0, k / 128);
+        let glow = (std::f32::consts::TAU * x).cos() + 1.0;
+        if row < 32 { [0.3 + 0.3 * glow, 0.4 + 0.3 * glow, 0.7 + 0.2 * glow] } else { [0.25, 0.24, 0.2] }
+    };
+    let (azimuth, altitude) = (230f32.to_radians(), 38f32.to_radians());
+    let dir = [altitude.cos() * azimuth.sin(), altitude.sin(), -altitude.cos() * azimuth.cos()];
+    ((0..128 * 64).map(pixel).collect(), (dir, [3.0, 2.8, 2.5]))
+}
+
+/// What the camera of the site sees of a scene under the sky, by a path tracer that knows neither patches nor fields.
+fn traced(scene: &Scene, seed: u64) -> Reference {
+    let camera = relume_bake::camera::Camera::load(&baked().join("camera.json")).unwrap();
+    let (pixels, sun) = sky();
+    let environment = Environment::new(128, 64, pixels, Some(sun)).unwrap();
+    reference(scene, &camera, &environment, SIZE, 400, seed)
+}
+
+#[test]
+fn a_real_picture_with_the_house_put_in_is_the_picture_of_the_house() {
+    let folder = baked();
+    let scene = relume_bake::scene::load(&folder.join("scene.glb"), Shading::Lambert).unwrap().scene;
+    let (real, whole) = (traced(&scene.real(), 1), traced(&scene, 2));
+    let (pixels, (dir, light)) = sky();
+    relume_tests::picture::write_exr(&folder.join("sky.exr"), (128, 64), |x, y| pixels[y * 128 + x]);
+    let map = RadianceMap::load(&folder.join("sky.exr")).unwrap();
+    let stack = folder.join("stack");
+    let field = relume::relight::FieldFile::open(&folder.join("a.field")).unwrap();
+    let sky = relume::split::weights(&map, field.field().patch_set(), 0.0).unwrap();
+    assert!(sky.sun.is_none());
+    let mut weights = Light { radiance: sky.radiance.iter().map(|rgb| rgb.map(f64::from)).collect(), sun: None };
+    weights.sun = Some(light.map(f64::from));
+    let own = patches(&stack).1.unwrap().dir_world;
+    assert!((0..3).all(|k| (own[k] - f64::from(dir[k])).abs() < 1e-3), "{own:?} {dir:?}");
+    put(&folder.join("sky.csv"), weights.csv(&stack));
+    let exposure = 0.5;
+    as_view(folder, "real.png", &real, exposure);
+    as_view(folder, "whole.png", &whole, exposure);
+    let relight =
+        ["relight", "a.field", "--weights", "sky.csv", "--view", "real.png", "--exposure", "-1", "-o", "shown.png"];
+    relume_in(folder, &relight).well();
+    let [real, whole, shown] = ["real.png", "whole.png", "shown.png"].map(|name| read_png(&folder.join(name)));
+    let off = |a: &image::RgbImage, b: &image::RgbImage| {
+        let differences = a.as_raw().iter().zip(b.as_raw()).map(|(&a, &b)| f64::from(a.abs_diff(b)));
+        let mut differences: Vec<f64> = differences.collect();
+        differences.sort_by(f64::total_cmp);
+        let at = |share: f64| differences[(share * (differences.len() - 1) as f64) as usize];
+        (at(0.5), at(0.95), differences.iter().sum::<f64>() / differences.len() as f64)
+    };
+    let (before, after) = (off(&real, &whole), off(&shown, &whole));
+    eprintln!("codes off, median, 95 % and mean: without the house {before:?}, with it put in {after:?}");
+    // What is left is the noise of two path traces, and the light of patches at the shadow's edge.
+    assert!(after.0 <= 1.0 && after.1 <= 5.0 && after.2 < 0.1 * before.2, "{after:?} {before:?}");
+}
+
+#[test]
+fn what_stands_in_front_cuts_what_is_shown() {
+    let folder = baked();
+    let scene = relume_bake::scene::load(&folder.join("scene.glb"), Shading::Lambert).unwrap().scene;
+    let count = |role| (0..scene.triangles.len() as u32).filter(|&k| scene.role(k) == role).count();
+    assert_eq!([count(Role::Virtual), count(Role::Receiver), count(Role::Occluder)], [12, 14, 12]);
+    let [own, with, without] =
+        ["stack", "stack/with", "stack/without"].map(|s| read_grey(&folder.join(s).join("coverage.exr")));
+    assert!(with == without, "the receivers' pixels differ");
+    assert!(own.iter().zip(&with).all(|(own, with)| own + with <= 1.0 + 1e-6));
+    // The trunk hides both: a column of pixels over its whole height.
+    let hidden = |x: usize| (20..50).all(|y| own[y * 96 + x] == 0.0 && with[y * 96 + x] == 0.0);
+    assert!((0..96).any(hidden), "nothing hides what is shown");
+    assert!(own.iter().any(|share| *share > 0.0 && *share < 1.0));
+    let alpha = {
+        let light = Light { radiance: vec![[1.0; 3]; patches(&folder.join("stack")).0.len()], sun: None };
+        put(&folder.join("one.csv"), light.csv(&folder.join("stack")));
+        relume_in(folder, &["relight", "a.field", "--weights", "one.csv", "-o", "one.exr"]).well();
+        read_exr(&folder.join("one.exr")).alpha
+    };
+    assert!(alpha.iter().zip(&own).all(|(a, b)| (a - b).abs() <= 0.5 / 255.0 + 1e-6 || *b < 1.0 / 255.0));
+}
+
+#[test]
+fn shares_of_a_site_join_to_the_field_of_one_bake() {
+    let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "receiver_shares");
+    write_site(&folder);
+    let coarse = ["--max-hits", "2", "--sun-paths", "8"];
+    bake_in(&folder, &args("scene", "whole.field", &coarse)).well();
+    let told = bake_in(&folder, &args("plan", "plan.toml", &[&coarse[..], &["--json"]].concat())).well();
+    assert_eq!(told.stdout, "{\"tiles\":18}\n");
+    for (tiles, out) in [("0..7", "a"), ("7..18", "b")] {
+        bake_in(&folder, &["scene", "--plan", "plan.toml", "--tiles", tiles, "-o", out]).well();
+    }
+    bake_in(&folder, &["merge", "plan.toml", "b", "a", "-o", "joined.field"]).well();
+    assert!(std::fs::read(folder.join("joined.field")).unwrap() == std::fs::read(folder.join("whole.field")).unwrap());
+    let info = bake_in(&folder, &["info", "whole.field"]).well().stdout;
+    assert!(
+        info.contains("receivers ") && info.contains("layer     RCVW") && info.contains("layer     RCVO"),
+        "{info}"
+    );
+}
+
+#[test]
+fn marks_that_mean_nothing_are_named() {
+    let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "receiver_marks");
+    write_site(&folder);
+    let mut meshes = site();
+    meshes[0].role = Some("recevier");
+    put(&folder.join("scene.glb"), glb(&meshes, None));
+    bake_in(&folder, &args("scene", "a.field", &[]))
+        .refused(2, &["scene.glb", "node 0", "relume = \"recevier\"", "receiver"]);
+    // Everything is really there: there is nothing to show.
+    meshes.iter_mut().for_each(|mesh| mesh.role = Some("Receiver "));
+    put(&folder.join("scene.glb"), glb(&meshes, None));
+    bake_in(&folder, &args("scene", "a.field", &["--max-hits", "2"])).refused(2, &["receivers and occluders only"]);
+    assert!(!folder.join("a.field").exists());
+    // Without marks there are no such layers.
+    put(
+        &folder.join("scene.glb"),
+        glb(&courtyard(), Some(relume_tests::scene::Picture::Inside(&relume_tests::scene::checks_png()))),
+    );
+    bake_in(&folder, &args("scene", "a.field", &["--max-hits", "2"])).well();
+    assert!(!bake_in(&folder, &["info", "a.field"]).well().stdout.contains("RCV"));
+}
