@@ -291,7 +291,7 @@ pub fn site() -> Vec<Mesh> {
     let house = cuboid([-1.6, 0.0, -1.4], [1.4, 2.2, 0.6], [0.7, 0.5, 0.3]);
     let mut floor = ground(14.0, 0.0, [0.4, 0.42, 0.3]);
     let mut stump = cuboid([2.2, 0.0, -0.6], [3.6, 0.9, -0.2], [0.6, 0.58, 0.52]);
-    let mut trunk = cuboid([-0.9, 0.0, 2.4], [-0.6, 3.4, 2.7], [0.25, 0.2, 0.15]);
+    let mut trunk = cuboid([0.3, 0.0, 2.4], [0.6, 3.4, 2.7], [0.25, 0.2, 0.15]);
     (floor.role, stump.role, trunk.role) = (Some("receiver"), Some("receiver"), Some("occluder"));
     vec![floor, stump, house, trunk]
 }
