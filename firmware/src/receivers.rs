@@ -61,7 +61,15 @@ pub const BRIGHTEST: f32 = 16.0;
 /// light so weak that it is rounding.
 #[inline]
 pub fn factor(with: f32, without: f32, share: f32) -> f32 {
-    (1.0 + share * (with - without) / without.max(DARKEST)).clamp(0.0, BRIGHTEST)
+    factor_of_still(with, without, share, (1.0, 1.0))
+}
+
+/// The same where the view was taken in other light: `without` is that of then, `receiver` the scale from then to now, and
+/// `rest` what everything else is multiplied by.
+#[inline]
+pub fn factor_of_still(with: f32, without: f32, share: f32, (receiver, rest): (f32, f32)) -> f32 {
+    let own = receiver * (1.0 + (with - without) / without.max(DARKEST));
+    (rest + share * (own - rest)).clamp(0.0, BRIGHTEST)
 }
 
 /// The share of a pixel's real part that its receivers are, of coverages in 255ths: what the factor of the receivers concerns
@@ -95,6 +103,13 @@ mod tests {
         assert!((factor(1e-6, 0.0, 1.0) - 1.0).abs() < 0.01);
         assert_eq!(factor(1.0, 0.0, 1.0), BRIGHTEST);
         assert_eq!(factor(-0.5, 0.1, 1.0), 0.0);
+    }
+
+    #[test]
+    fn a_still_of_a_brighter_day_gets_darker_by_receiver_and_rest() {
+        // Then 0.4 at gain 2, now 0.1 at gain 4: half as bright; the sky behind a third.
+        assert!((factor_of_still(0.1, 0.4, 1.0, (2.0, 1.0 / 3.0)) - 0.5).abs() < 1e-6);
+        assert!((factor_of_still(0.1, 0.4, 0.0, (2.0, 1.0 / 3.0)) - 1.0 / 3.0).abs() < 1e-6);
     }
 
     #[test]

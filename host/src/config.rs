@@ -26,6 +26,8 @@ pub const KEYS: &[&str] = &[
     "caption",
     "field",
     "view",
+    "view_light",
+    "mask",
     "sky",
     "health",
     "site.latitude",
@@ -134,6 +136,12 @@ pub struct Config {
     pub field: PathBuf,
     /// A still as the real picture behind, or until there is a live one; black if none.
     pub view: Option<PathBuf>,
+    /// The light that the still was taken in; it is relit then, too.
+    pub view_light: Option<PathBuf>,
+    /// What stands in front of the picture, painted.
+    pub mask: Option<PathBuf>,
+    /// The display adds its light to what is seen through it.
+    pub additive: bool,
     /// The camera of a live view.
     pub view_camera: Option<ViewCamera>,
     /// Where the light comes from.
@@ -171,12 +179,16 @@ impl Config {
         let (display, site) = (display::display(&r)?, site(&r)?);
         let field = r.path("field")?.ok_or_else(|| missing("field", "name the field file to show"))?;
         let (sky, camera) = sky::sky(&r, site)?;
+        view::check(&r)?;
         Ok(Config {
             file: file.to_path_buf(),
             title: r.text("title", 120)?.unwrap_or_default(),
             caption: r.text("caption", 400)?.unwrap_or_default(),
             field,
             view: r.path("view")?,
+            view_light: r.path("view_light")?,
+            mask: r.path("mask")?,
+            additive: display::is_additive(&r)?,
             view_camera: view::view_camera(&r, &camera)?,
             sky,
             health: r.path("health")?.unwrap_or_else(|| display.health(file)),

@@ -5,6 +5,7 @@ pub mod device;
 pub mod fit;
 pub mod gain;
 pub mod live;
+pub mod mask;
 
 use std::path::{Path, PathBuf};
 
@@ -32,7 +33,7 @@ pub enum ViewError {
     },
     /// The still has another size than the field.
     #[error(
-        "{}: the view is {}x{} but the field is {}x{}; scale or crop the view to {3}x{4}, or bake the field for the view",
+        "{}: it is {}x{} but the field is {}x{}; scale or crop it to {3}x{4}, or bake the field for it",
         path.display(), found.0, found.1, field.0, field.1
     )]
     Size {

@@ -108,57 +108,94 @@ fn the_view_is_multiplied_by_what_the_stacks_say() {
     }
 }
 
-/// A sky that brightens towards -X, and a sun.
-fn sky() -> (Vec<[f32; 3]>, ([f32; 3], [f32; 3])) {
+/// A map of 128 x 64 pixels, and a sun.
+struct Sky {
+    name: &'static str,
+    pixels: Vec<[f32; 3]>,
+    sun: Option<([f32; 3], [f32; 3])>,
+}
+
+/// Direction of the stack's sun.
+fn sun_dir_world() -> [f32; 3] {
+    let (azimuth, altitude) = (230f32.to_radians(), 38f32.to_radians());
+    [altitude.cos() * azimuth.sin(), altitude.sin(), -altitude.cos() * azimuth.cos()]
+}
+
+/// A sky that brightens towards -X, with a sun.
+fn clear() -> Sky {
     let pixel = |k: usize| {
         let (x, row) = ((k % 128) as f32 / 128.0, k / 128);
         let glow = (std::f32::consts::TAU * x).cos() + 1.0;
         if row < 32 { [0.3 + 0.3 * glow, 0.4 + 0.3 * glow, 0.7 + 0.2 * glow] } else { [0.25, 0.24, 0.2] }
     };
-    let (azimuth, altitude) = (230f32.to_radians(), 38f32.to_radians());
-    let dir = [altitude.cos() * azimuth.sin(), altitude.sin(), -altitude.cos() * azimuth.cos()];
-    ((0..128 * 64).map(pixel).collect(), (dir, [3.0, 2.8, 2.5]))
+    Sky { name: "clear", pixels: (0..128 * 64).map(pixel).collect(), sun: Some((sun_dir_world(), [3.0, 2.8, 2.5])) }
 }
 
-/// What the camera of the site sees of a scene under the sky, by a path tracer that knows neither patches nor fields.
-fn traced(scene: &Scene, seed: u64) -> Reference {
-    let camera = relume_bake::camera::Camera::load(&baked().join("camera.json")).unwrap();
-    let (pixels, sun) = sky();
-    let environment = Environment::new(128, 64, pixels, Some(sun)).unwrap();
-    reference(scene, &camera, &environment, SIZE, 400, seed)
+/// A grey one, three times as bright at the zenith as at the horizon (Moon and Spencer).
+fn overcast() -> Sky {
+    let pixel = |k: usize| {
+        let height = (std::f32::consts::PI * ((k / 128) as f32 + 0.5) / 64.0).cos();
+        if height > 0.0 {
+            [0.3 * (1.0 + 2.0 * height), 0.31 * (1.0 + 2.0 * height), 0.33 * (1.0 + 2.0 * height)]
+        } else {
+            [0.1; 3]
+        }
+    };
+    Sky { name: "overcast", pixels: (0..128 * 64).map(pixel).collect(), sun: None }
+}
+
+impl Sky {
+    /// What the camera of the site sees of a scene under it, by a path tracer that knows neither patches nor fields.
+    fn traced(&self, scene: &Scene, seed: u64) -> Reference {
+        let camera = relume_bake::camera::Camera::load(&baked().join("camera.json")).unwrap();
+        let environment = Environment::new(128, 64, self.pixels.clone(), self.sun).unwrap();
+        reference(scene, &camera, &environment, SIZE, 400, seed)
+    }
+
+    /// Its weights for the site's field.
+    fn light(&self) -> Light {
+        let (folder, file) = (baked(), baked().join(format!("{}.exr", self.name)));
+        relume_tests::picture::write_exr(&file, (128, 64), |x, y| self.pixels[y * 128 + x]);
+        let map = RadianceMap::load(&file).unwrap();
+        let field = relume::relight::FieldFile::open(&folder.join("a.field")).unwrap();
+        let sky = relume::split::weights(&map, field.field().patch_set(), 0.0).unwrap();
+        assert!(sky.sun.is_none());
+        let radiance = sky.radiance.iter().map(|rgb| rgb.map(f64::from)).collect();
+        Light { radiance, sun: self.sun.map(|(_, light)| light.map(f64::from)) }
+    }
+
+    /// The same as a file.
+    fn csv(&self) -> String {
+        let name = format!("{}.csv", self.name);
+        put(&baked().join(&name), self.light().csv(&baked().join("stack")));
+        name
+    }
+}
+
+fn scene() -> Scene {
+    relume_bake::scene::load(&baked().join("scene.glb"), Shading::Lambert).unwrap().scene
+}
+
+/// Codes between two pictures: median, 95 %, mean.
+fn off(a: &image::RgbImage, b: &image::RgbImage) -> (f64, f64, f64) {
+    let differences = a.as_raw().iter().zip(b.as_raw()).map(|(&a, &b)| f64::from(a.abs_diff(b)));
+    let mut differences: Vec<f64> = differences.collect();
+    differences.sort_by(f64::total_cmp);
+    let at = |share: f64| differences[(share * (differences.len() - 1) as f64) as usize];
+    (at(0.5), at(0.95), differences.iter().sum::<f64>() / differences.len() as f64)
 }
 
 #[test]
 fn a_real_picture_with_the_house_put_in_is_the_picture_of_the_house() {
-    let folder = baked();
-    let scene = relume_bake::scene::load(&folder.join("scene.glb"), Shading::Lambert).unwrap().scene;
-    let (real, whole) = (traced(&scene.real(), 1), traced(&scene, 2));
-    let (pixels, (dir, light)) = sky();
-    relume_tests::picture::write_exr(&folder.join("sky.exr"), (128, 64), |x, y| pixels[y * 128 + x]);
-    let map = RadianceMap::load(&folder.join("sky.exr")).unwrap();
-    let stack = folder.join("stack");
-    let field = relume::relight::FieldFile::open(&folder.join("a.field")).unwrap();
-    let sky = relume::split::weights(&map, field.field().patch_set(), 0.0).unwrap();
-    assert!(sky.sun.is_none());
-    let mut weights = Light { radiance: sky.radiance.iter().map(|rgb| rgb.map(f64::from)).collect(), sun: None };
-    weights.sun = Some(light.map(f64::from));
-    let own = patches(&stack).1.unwrap().dir_world;
-    assert!((0..3).all(|k| (own[k] - f64::from(dir[k])).abs() < 1e-3), "{own:?} {dir:?}");
-    put(&folder.join("sky.csv"), weights.csv(&stack));
-    let exposure = 0.5;
-    as_view(folder, "real.png", &real, exposure);
-    as_view(folder, "whole.png", &whole, exposure);
-    let relight =
-        ["relight", "a.field", "--weights", "sky.csv", "--view", "real.png", "--exposure", "-1", "-o", "shown.png"];
+    let (folder, scene, sky) = (baked(), scene(), clear());
+    let own = patches(&folder.join("stack")).1.unwrap().dir_world;
+    assert!((0..3).all(|k| (own[k] - f64::from(sun_dir_world()[k])).abs() < 1e-3), "{own:?}");
+    as_view(folder, "real.png", &sky.traced(&scene.real(), 1), 0.5);
+    as_view(folder, "whole.png", &sky.traced(&scene, 2), 0.5);
+    let (weights, view) = (sky.csv(), "real.png");
+    let relight = ["relight", "a.field", "--weights", &weights, "--view", view, "--exposure", "-1", "-o", "shown.png"];
     relume_in(folder, &relight).well();
     let [real, whole, shown] = ["real.png", "whole.png", "shown.png"].map(|name| read_png(&folder.join(name)));
-    let off = |a: &image::RgbImage, b: &image::RgbImage| {
-        let differences = a.as_raw().iter().zip(b.as_raw()).map(|(&a, &b)| f64::from(a.abs_diff(b)));
-        let mut differences: Vec<f64> = differences.collect();
-        differences.sort_by(f64::total_cmp);
-        let at = |share: f64| differences[(share * (differences.len() - 1) as f64) as usize];
-        (at(0.5), at(0.95), differences.iter().sum::<f64>() / differences.len() as f64)
-    };
     let (before, after) = (off(&real, &whole), off(&shown, &whole));
     eprintln!("codes off, median, 95 % and mean: without the house {before:?}, with it put in {after:?}");
     // What is left is the noise of two path traces, and the light of patches at the shadow's edge.
@@ -166,9 +203,104 @@ fn a_real_picture_with_the_house_put_in_is_the_picture_of_the_house() {
 }
 
 #[test]
+fn a_still_of_a_sunny_day_is_shown_on_a_grey_one() {
+    let (folder, scene) = (baked(), scene());
+    let (then, now) = (clear(), overcast());
+    as_view(folder, "then.png", &then.traced(&scene.real(), 3), 0.6);
+    as_view(folder, "now.png", &now.traced(&scene, 4), 0.8);
+    let (then_light, weights) = (then.csv(), now.csv());
+    let args = ["relight", "a.field", "--weights", &weights, "--view", "then.png", "--exposure", "-0.321928", "-o"];
+    relume_in(folder, &[&args[..], &["still.png", "--view-light", &then_light]].concat()).well();
+    relume_in(folder, &[&args[..], &["as_it_was.png"]].concat()).well();
+    let [then, now, still, as_it_was] =
+        ["then.png", "now.png", "still.png", "as_it_was.png"].map(|name| read_png(&folder.join(name)));
+    let (before, without, after) = (off(&then, &now), off(&as_it_was, &now), off(&still, &now));
+    eprintln!("codes off, median, 95 % and mean: the still {before:?}, not relit {without:?}, relit {after:?}");
+    assert!(after.0 <= 2.0 && after.1 <= 9.0 && after.2 < 0.25 * without.2, "{after:?} {without:?}");
+    let too_little = [&args[..], &["x.png", "--view-light", &then_light]].concat();
+    image::RgbImage::new(SIZE.0, SIZE.1).save(folder.join("then.png")).unwrap();
+    relume_in(folder, &too_little).refused(2, &["clear.csv", "too little", "receiver"]);
+}
+
+/// The view's gain by the field's receivers, under the clear sky.
+fn gain(view: &image::RgbImage) -> [f64; 3] {
+    use relume::painter::{Painter, field::FieldPainter};
+    let field = relume::relight::FieldFile::open(&baked().join("a.field")).unwrap();
+    let pixels_bgrx = view.pixels().map(|p| u32::from_be_bytes([0, p[0], p[1], p[2]])).collect();
+    let still = relume::view::Still { width: SIZE.0 as usize, height: SIZE.1 as usize, pixels_bgrx };
+    let mut painter = FieldPainter::new(field.field(), still, 1);
+    painter.show_receivers(field.receivers());
+    let weights = relume::weights::PatchWeights::load(&baked().join(clear().csv()), field.field().patch_set()).unwrap();
+    painter.relight(&weights, 1.0).unwrap();
+    painter.view_gain().unwrap()
+}
+
+#[test]
+fn visitors_do_not_change_what_is_known_of_the_views_exposure() {
+    let folder = baked();
+    let exposures = [0.45, 0.5, 0.4];
+    let real = clear().traced(&scene().real(), 5);
+    let mut tinted = real.clone();
+    tinted.rgb.iter_mut().for_each(|rgb| (0..3).for_each(|c| rgb[c] *= exposures[c] as f32));
+    as_view(folder, "tinted.png", &tinted, 1.0);
+    let view = read_png(&folder.join("tinted.png"));
+    let found = gain(&view);
+    let error = |found: [f64; 3]| (0..3).map(|c| (found[c] / exposures[c] - 1.0).abs()).fold(0.0, f64::max);
+    eprintln!("gain {found:?}: off by {:.2} %", 100.0 * error(found));
+    assert!(error(found) < 0.02, "{found:?}");
+    // People in dark and in bright clothes before a fifth of the ground.
+    for (name, clothes) in [("dark", [18u8, 20, 26]), ("bright", [235, 225, 215])] {
+        let mut visited = view.clone();
+        for (x, y, pixel) in visited.enumerate_pixels_mut() {
+            if x / 5 % 5 == 2 && y > 26 {
+                *pixel = image::Rgb(clothes);
+            }
+        }
+        let found = gain(&visited);
+        eprintln!("{name} visitors: {found:?}: off by {:.2} %", 100.0 * error(found));
+        assert!(error(found) < 0.02, "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn a_post_follows_a_view_camera_that_exposes_anew() {
+    let folder = baked();
+    let real = clear().traced(&scene().real(), 6);
+    std::fs::create_dir_all(folder.join("views")).unwrap();
+    let mut list = Vec::new();
+    for (number, exposure) in [0.3, 0.3, 0.6, 0.6].into_iter().enumerate() {
+        as_view(&folder.join("views"), &format!("{number}.png"), &real, exposure);
+        list.push(format!("{{\"file\":\"{number}.png\",\"time_s\":0.01}}"));
+    }
+    put(&folder.join("views/frames.json"), format!("[{}]", list.join(",")));
+    let light = clear().light();
+    let sun = light.sun.map(|light| (sun_dir_world(), light));
+    // New light comes long after the view has changed.
+    let logged = [0, 9].map(|frame| {
+        let unix_s = 1_782_014_400.0 + f64::from(frame);
+        serde_json::json!({"frame": frame, "unix_s": unix_s, "exposures": [], "radiance": light.radiance, "sun": sun})
+            .to_string()
+    });
+    put(&folder.join("light.jsonl"), logged.join("\n") + "\n");
+    let run = |name: &str, frames: u32| {
+        let text = format!(
+            "field = 'a.field'\nsky = 'logged'\n[camera]\nlight_log = 'light.jsonl'\n[view_camera]\nframes = 'views'\n\
+             [display]\nkind = 'headless'\nfolder = '{name}'\n[exposure]\nmode = 'view'\n\
+             [run]\nstart = 2026-06-21T04:00:00Z\nstep_s = 1\nframes = {frames}\n"
+        );
+        put(&folder.join("post.toml"), text);
+        let told = relume_in(folder, &["run", "post.toml", "--json"]).well().stdout;
+        serde_json::from_str::<serde_json::Value>(&told).unwrap()["health"]["exposure_ev"].as_f64().unwrap()
+    };
+    let (before, after) = (run("two", 2), run("three", 3));
+    eprintln!("exposure {:.4} and, in the frame that the view doubles in, {:.4}", before.exp2(), after.exp2());
+    assert!((before.exp2() / 0.3 - 1.0).abs() < 0.02 && (after.exp2() / 0.6 - 1.0).abs() < 0.02);
+}
+
+#[test]
 fn what_stands_in_front_cuts_what_is_shown() {
     let folder = baked();
-    let scene = relume_bake::scene::load(&folder.join("scene.glb"), Shading::Lambert).unwrap().scene;
+    let scene = scene();
     let count = |role| (0..scene.triangles.len() as u32).filter(|&k| scene.role(k) == role).count();
     assert_eq!([count(Role::Virtual), count(Role::Receiver), count(Role::Occluder)], [12, 14, 12]);
     let [own, with, without] =

@@ -13,17 +13,18 @@ use crate::picture::{PictureFormat, composite, write_exr, write_png};
 use crate::relight::{FieldFile, Picture, Relighter};
 use crate::sun::position_of;
 use crate::view::Still;
+use crate::view::mask::Mask;
 use crate::weights::{PatchWeights, SunWeight};
 use relume_firmware::field::Field;
 use relume_firmware::patches::spread;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub(super) const COMMAND: Command = Command {
     name: "relight",
     help: "\
 relume relight FIELD (--sky MAP | --weights W.csv | --light X,Y,Z) -o OUT.exr|OUT.png
-       [--env-rot DEG] [--view STILL] [--exposure EV] [--exact STACK_DIR] [--json]
+       [--env-rot DEG] [--view STILL [--view-light MAP|W.csv] [--mask MASK]] [--exposure EV] [--exact STACK_DIR] [--json]
 
   --sky MAP          lat-long radiance map (.hdr, .exr); its sun becomes a light of its own
   --env-rot DEG      turns the map about +Y; positive turns +Z towards +X
@@ -31,6 +32,10 @@ relume relight FIELD (--sky MAP | --weights W.csv | --light X,Y,Z) -o OUT.exr|OU
   --light X,Y,Z      nothing but a sun in this direction (towards the light), irradiance 1 in R, G and B. An imported field
                      shows the pictures of up to three lights around it, in shares that keep a matt surface exact
   --view STILL       PNG only: the picture behind, PNG or JPEG of the field's size; black if left out
+                     Receivers in it (scenes with `relume = receiver`) take the shadow of what is shown
+  --view-light LIGHT the light that the still was taken in, as --sky or --weights take it: the still is relit, too, by what
+                     it shows of receivers; everything else of it follows the brightness
+  --mask MASK        a grey picture of the field's size: the view is in front where it is white
   --exposure EV      PNG only: radiance x 2^EV is display white at 1.
                      Left out: 0.8 / the 99th percentile of the covered channel values of this picture
   --exact STACK_DIR  sums the uncompressed stack in f64 instead of the field
@@ -53,6 +58,8 @@ struct Options {
     light: Option<Light>,
     env_rot_deg: Option<f64>,
     view: Option<PathBuf>,
+    view_light: Option<PathBuf>,
+    mask: Option<PathBuf>,
     exposure_ev: Option<f64>,
     exact: Option<PathBuf>,
     out: Option<PathBuf>,
@@ -109,6 +116,8 @@ fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
             Long("light") => o.set_light(Light::Direction(numbers(parser, "--light", "the direction x,y,z")?))?,
             Long("env-rot") => o.env_rot_deg = Some(number(parser, "--env-rot", -360.0..=360.0)?),
             Long("view") => o.view = Some(parser.value()?.into()),
+            Long("view-light") => o.view_light = Some(parser.value()?.into()),
+            Long("mask") => o.mask = Some(parser.value()?.into()),
             Long("exposure") => o.exposure_ev = Some(number(parser, "--exposure", EV_RANGE)?),
             Long("exact") => o.exact = Some(parser.value()?.into()),
             Long("out") | Short('o') => o.out = Some(parser.value()?.into()),
@@ -133,6 +142,12 @@ impl Options {
         let light = required(self.light.as_ref(), "the light: --sky MAP, --weights W.csv or --light X,Y,Z")?;
         if self.env_rot_deg.is_some() && !matches!(light, Light::Map(_)) {
             return Err(Failure::bad("--env-rot turns a map; it needs --sky"));
+        }
+        if self.view.is_none() && (self.view_light.is_some() || self.mask.is_some()) {
+            return Err(Failure::bad("--view-light and --mask are about the view; they need --view STILL"));
+        }
+        if self.exact.is_some() && (self.view_light.is_some() || self.mask.is_some()) {
+            return Err(Failure::bad("--exact knows neither receivers nor masks; leave --view-light and --mask out"));
         }
         if format == PictureFormat::Exr && (self.view.is_some() || self.exposure_ev.is_some()) {
             return Err(Failure::bad("an EXR holds linear radiance; --view and --exposure need -o OUT.png"));
@@ -244,6 +259,12 @@ fn write_shown(options: &Options, file: &FieldFile, weights: &PatchWeights) -> R
     }
     let mut painter = FieldPainter::new(field, still, 0);
     painter.show_receivers(file.receivers());
+    if let Some(path) = &options.mask {
+        painter.put_behind(Some(Mask::load_sized(path, width, height).or_bad()?));
+    }
+    if let Some(path) = &options.view_light {
+        relight_still(&mut painter, path, &field)?;
+    }
     let mut exposure = fixed.unwrap_or(1.0);
     let mut note = painter.relight(weights, exposure as f32).or_bad()?;
     if fixed.is_none() {
@@ -253,6 +274,25 @@ fn write_shown(options: &Options, file: &FieldFile, weights: &PatchWeights) -> R
     painter.draw(&mut Damage::none(0, 0)).or_runtime()?;
     write_png(out, width, height, painter.pixels_bgrx())?;
     Ok((Some(exposure), note))
+}
+
+/// Has the still be relit that was taken in the light of a file: weights per patch (.csv), or a map.
+pub(super) fn relight_still(painter: &mut FieldPainter<'_>, path: &Path, field: &Field<'_>) -> Result<(), Failure> {
+    let patches = field.patch_set();
+    let is_csv = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
+    let then = if is_csv {
+        PatchWeights::load(path, patches).or_bad()?
+    } else {
+        crate::split::weights(&RadianceMap::load(path).or_bad()?, patches, 0.0).or_bad()?
+    };
+    if painter.relight_still(&then).or_bad()? {
+        return Ok(());
+    }
+    let file = path.display();
+    Err(Failure::bad(format!(
+        "{file}: the still shows too little of the field's receivers to tell how it was exposed; mark the ground as relume = \
+         receiver, or leave the still's light out"
+    )))
 }
 
 fn tell(options: &Options, field: &Field<'_>, weights: &PatchWeights, used: Used) -> Result<(), Failure> {

@@ -3,10 +3,12 @@
 mod view;
 
 use super::args::{Command, place, required};
+use super::relight::relight_still;
 use crate::clock::PostClock;
 use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind};
 use crate::display::Display;
 use crate::display::headless::Headless;
+use crate::exposure::ExposureMode;
 use crate::fading::Fading;
 use crate::failure::{Failure, OrFail};
 use crate::importance::importance;
@@ -22,6 +24,7 @@ use crate::sky_source::live::LiveSky;
 use crate::sky_source::logged::LoggedSky;
 use crate::sky_source::simulated::SimulatedSky;
 use crate::view::Still;
+use crate::view::mask::Mask;
 use crate::watchdog::Watchdog;
 use relume_firmware::field::Field;
 use std::path::PathBuf;
@@ -97,13 +100,8 @@ fn run(config: &Config, setup: bool, signals: &Signals) -> Result<PostReport, Fa
     let file: &'static FieldFile = Box::leak(Box::new(FieldFile::open(&config.field).or_bad()?));
     let field = file.field();
     let (width, height) = (field.width(), field.height());
-    let still = match &config.view {
-        Some(path) => Still::load_sized(path, width, height).or_bad()?,
-        None => Still::black(width, height),
-    };
     let made = std::fs::metadata(&config.field).and_then(|meta| meta.modified()).ok();
-    let mut painter = FieldPainter::new(field, still, 0);
-    painter.show_receivers(file.receivers());
+    let mut painter = painter(config, file)?;
     painter.set_budget(config.budget).or_bad()?;
     let view = view::live_view(config, (width, height), &signals.stop)?;
     if view.is_some() {
@@ -134,6 +132,36 @@ fn run(config: &Config, setup: bool, signals: &Signals) -> Result<PostReport, Fa
         post.set_up(field.camera());
     }
     post.run(signals)
+}
+
+/// The field over what is behind it.
+fn painter<'f>(config: &Config, file: &'f FieldFile) -> Result<FieldPainter<'f>, Failure> {
+    let field = file.field();
+    let (width, height) = (field.width(), field.height());
+    let still = match config.view.as_ref().filter(|_| !config.additive) {
+        Some(path) => Still::load_sized(path, width, height).or_bad()?,
+        None => Still::black(width, height),
+    };
+    if config.exposure == ExposureMode::View && file.receivers().is_none() {
+        let (post, field) = (config.file.display(), config.field.display());
+        return Err(Failure::bad(format!(
+            "{post}: exposure.mode = \"view\" measures by receivers, and {field} has none: mark the ground as relume = receiver and \
+             bake again, or use \"auto\""
+        )));
+    }
+    if config.additive {
+        eprintln!("notice: an optical display only adds light: real ground takes no shadow, and nothing gets darker");
+    }
+    let mut painter = FieldPainter::new(field, still, 0);
+    if !config.additive {
+        painter.show_receivers(file.receivers());
+    }
+    let mask = config.mask.as_ref().map(|path| Mask::load_sized(path, width, height).or_bad()).transpose()?;
+    painter.put_behind(mask);
+    if let Some(path) = &config.view_light {
+        relight_still(&mut painter, path, &field)?;
+    }
+    Ok(painter)
 }
 
 /// The display that the post's file asks for.

@@ -41,6 +41,33 @@ const HEADLESS_KEYS: [&str; 2] = ["display.folder", "display.every"];
 const KMS_KEYS: [&str; 6] =
     ["display.card", "display.connector", "display.mode", "display.rotation_deg", "display.format", "display.buffers"];
 
+/// The word in `display.mode` for a display that is looked through.
+const ADDITIVE: &str = "additive";
+
+/// Does the display add its light to what is seen through it? Then black is clear, there is no view, and what it shows must be
+/// as bright as the light is.
+pub(super) fn is_additive(r: &Reader) -> Result<bool, ConfigError> {
+    let mode = r.text("display.mode", 32)?.unwrap_or_default();
+    if !mode.split_whitespace().any(|word| word == ADDITIVE) {
+        return Ok(false);
+    }
+    if let Some(key) =
+        ["view", "view_light", "mask", "view_camera.device", "view_camera.frames"].iter().find(|key| r.has(key))
+    {
+        return Err(r.fault(format!(
+            "{key} is not used with display.mode = \"additive\": one looks through the display; remove it"
+        )));
+    }
+    if r.choice("exposure.mode", &[("fixed", true), ("auto", false), ("view", false)])? != Some(true) {
+        return Err(r.fault(
+            "exposure.mode must be \"fixed\" with display.mode = \"additive\": the display has to be as bright as the light is; \
+             exposure.ev = -log2 of the radiance of its white"
+                .into(),
+        ));
+    }
+    Ok(true)
+}
+
 /// Reads the table.
 pub(super) fn display(r: &Reader) -> Result<DisplayConfig, ConfigError> {
     let kinds = [("headless", false), ("kms", true)];
@@ -48,7 +75,8 @@ pub(super) fn display(r: &Reader) -> Result<DisplayConfig, ConfigError> {
         r.fault("display.kind is missing: add [display] with kind = \"kms\" for a screen or \"headless\"".into())
     })?;
     let (kind, foreign) = if is_kms { ("kms", &HEADLESS_KEYS[..]) } else { ("headless", &KMS_KEYS[..]) };
-    if let Some(key) = foreign.iter().find(|key| r.has(key)) {
+    let additive = is_additive(r)?;
+    if let Some(key) = foreign.iter().find(|key| r.has(key) && !(additive && **key == "display.mode")) {
         return Err(r.fault(format!("{key} is not used with display.kind = \"{kind}\"; remove it")));
     }
     if is_kms { kms(r).map(DisplayConfig::Kms) } else { headless(r) }
@@ -62,6 +90,8 @@ fn headless(r: &Reader) -> Result<DisplayConfig, ConfigError> {
 
 fn kms(r: &Reader) -> Result<KmsConfig, ConfigError> {
     let mode = r.text("display.mode", 32)?;
+    // What is left is a mode of the screen.
+    let mode = mode.map(|text| text.replace(ADDITIVE, "").trim().to_owned()).filter(|text| !text.is_empty());
     let not_a_mode = |text: String| {
         r.fault(format!(
             "display.mode = \"{text}\": must be such as \"1920x1080\" or \"1920x1080@60\"; `relume devices` lists them"

@@ -104,6 +104,32 @@ fn missing_and_contradicting_keys_are_named() {
 }
 
 #[test]
+fn what_is_behind_the_picture_is_one_thing() {
+    let view = |keys: &str, tables: &str| format!("{keys}\n{LEAST}{tables}");
+    refused(&view("view_light = 'w.csv'", ""), &["view_light", "view = "]);
+    let camera = "[view_camera]\nframes = 'f'\n";
+    refused(&view("view = 'a.png'\nview_light = 'w.csv'", camera), &["view_light", "remove it"]);
+    refused(&view("", "[exposure]\nmode = 'view'\n"), &["exposure.mode = \"view\" needs a view"]);
+    refused(&view("view = 'a.png'\nview_light = 'w.csv'", "[exposure]\nmode = 'view'\n"), &["exclude each other"]);
+    assert_eq!(load(&view("", &format!("{camera}[exposure]\nmode = 'view'\n"))).unwrap().exposure, ExposureMode::View);
+}
+
+#[test]
+fn a_display_that_is_looked_through_has_no_view_and_a_fixed_exposure() {
+    let least = LEAST.replace("kind = 'headless'", "kind = 'headless'\nmode = 'additive'");
+    assert_ne!(least, LEAST);
+    let fixed = "[exposure]\nmode = 'fixed'\nev = -3\n";
+    let config = load(&format!("{least}{fixed}")).unwrap();
+    assert!(config.additive && !load(LEAST).unwrap().additive);
+    refused(&least, &["exposure.mode", "\"fixed\"", "additive"]);
+    refused(&format!("view = 'a.png'\n{least}{fixed}"), &["view is not used", "additive"]);
+    refused(&least.replace("additive", "640x480"), &["display.mode is not used"]);
+    let screen = LEAST.replace("kind = 'headless'\nfolder = 'out'", "kind = 'kms'\nmode = '1280x720@60 additive'");
+    let DisplayConfig::Kms(kms) = load(&format!("{screen}{fixed}")).unwrap().display else { panic!("{screen}") };
+    assert_eq!(kms.mode.map(|mode| (mode.width, mode.height)), Some((1280, 720)));
+}
+
+#[test]
 fn both_forms_of_time_are_taken() {
     for start in ["2026-06-21T06:00:00+02:00", "'2026-06-21T04:00:00Z'"] {
         let config = load(&format!("{LEAST}[run]\nstart = {start}\nstep_s = 600\n")).unwrap();

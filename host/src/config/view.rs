@@ -33,6 +33,28 @@ impl ViewCamera {
 
 const OF_DEVICE: [&str; 2] = ["view_camera.size", "view_camera.pixel_format"];
 
+/// Keys about the view that need others.
+pub(super) fn check(r: &Reader) -> Result<(), ConfigError> {
+    if r.has("view_light") && !r.has("view") {
+        return Err(
+            r.fault("view_light is the light that the still was taken in; name the still: view = \"site.png\"".into())
+        );
+    }
+    if r.has("view_light") && r.has_table("view_camera") {
+        return Err(r.fault("view_light is for stills; a camera's pictures are in today's light: remove it".into()));
+    }
+    let by_view = r.text("exposure.mode", 20)?.is_some_and(|mode| mode == "view");
+    if by_view && !r.has("view") && !r.has_table("view_camera") {
+        return Err(r.fault("exposure.mode = \"view\" needs a view: name a still or a camera, or use \"auto\"".into()));
+    }
+    if by_view && r.has("view_light") {
+        return Err(r.fault(
+            "exposure.mode = \"view\" and view_light exclude each other: a still that is relit is exposed anew".into(),
+        ));
+    }
+    Ok(())
+}
+
 /// Reads `[view_camera]`.
 pub(super) fn view_camera(r: &Reader, sky: &CameraConfig) -> Result<Option<ViewCamera>, ConfigError> {
     if !r.has_table("view_camera") {

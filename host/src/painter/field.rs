@@ -7,10 +7,12 @@ use crate::relight::{Budget, BudgetError, FrameCounters, Framebuffer, ReceiverLi
 use crate::sun::{dir_world, position_of};
 use crate::sunband::nearest;
 use crate::view::Still;
+use crate::view::mask::Mask;
 use crate::weights::{PatchWeights, SunWeight};
 use relume_firmware::field::Field;
 use relume_firmware::patches::PatchSet;
 use relume_firmware::receivers::Receivers;
+use relume_firmware::weights::WeightError;
 
 /// Tiles that the running exposure looks at: enough for a hundredth of its steps.
 const EXPOSURE_TILES: usize = 128;
@@ -24,6 +26,10 @@ pub struct FieldPainter<'f> {
     /// Puts receivers in it into the light that the virtual geometry leaves them.
     shaded: Option<ShadedView<'f>>,
     framebuffer: Framebuffer,
+    /// What stands in front of the picture, and the picture with it.
+    mask: Option<(Mask, Vec<u32>)>,
+    /// Has the view changed since the picture was drawn?
+    is_view_new: bool,
     /// Channel values that the exposure is chosen by, reused.
     sampled: Vec<f32>,
 }
@@ -37,6 +43,8 @@ impl<'f> FieldPainter<'f> {
             view: View::new(width, height, view.pixels_bgrx),
             shaded: None,
             framebuffer: Framebuffer::new(width, height),
+            mask: None,
+            is_view_new: true,
             sampled: Vec::new(),
             field,
         }
@@ -46,6 +54,22 @@ impl<'f> FieldPainter<'f> {
     pub fn show_receivers(&mut self, receivers: Option<Receivers<'f>>) {
         let light = receivers.map(|receivers| ReceiverLight::new(&self.field, receivers));
         self.shaded = light.map(|light| ShadedView::new(light, &self.view));
+    }
+
+    /// Shows the view in front of the picture where a mask says so.
+    pub fn put_behind(&mut self, mask: Option<Mask>) {
+        let length = self.framebuffer.pixels.len();
+        self.mask = mask.map(|mask| (mask, vec![0; length]));
+    }
+
+    /// Relights the still behind the picture, too, which was taken in the light `then`. False where it shows too little of the
+    /// field's receivers.
+    ///
+    /// # Errors
+    /// When the weights do not fit.
+    pub fn relight_still(&mut self, then: &PatchWeights) -> Result<bool, WeightError> {
+        let Some(shaded) = &mut self.shaded else { return Ok(false) };
+        shaded.light_mut().set_still_light(then, self.view.pixels())
     }
 
     /// Gets ready for a live view: what it shows first is composited only, like what comes later.
@@ -124,7 +148,7 @@ impl Painter for FieldPainter<'_> {
         };
         self.relighter.set_weights(weights, exposure)?;
         if let Some(shaded) = &mut self.shaded {
-            shaded.light_mut().set_weights(weights)?;
+            shaded.light_mut().set_weights(weights, exposure)?;
         }
         let waits = || self.relighter.awaits_sun().then(|| "the sun is being traced, and not shown yet".into());
         Ok(note.or_else(waits))
@@ -151,10 +175,19 @@ impl Painter for FieldPainter<'_> {
         let receiver_tiles_drawn = self.shaded.as_mut().map_or(0, |shaded| shaded.follow(&mut self.view));
         let counters = self.relighter.draw(&self.view, &mut self.framebuffer);
         self.relighter.take_damage(damage);
+        let is_view_new = std::mem::take(&mut self.is_view_new) | (receiver_tiles_drawn > 0);
+        if let Some((mask, shown)) = &mut self.mask {
+            if is_view_new {
+                mask.mark(damage);
+            }
+            let view = self.shaded.as_ref().and_then(ShadedView::unshaded).unwrap_or(self.view.pixels());
+            mask.put(damage, (&self.framebuffer.pixels, view), shown);
+        }
         Ok(FrameCounters { receiver_tiles_drawn, ..counters })
     }
 
     fn show_view(&mut self, pixels_bgrx: &mut Vec<u32>) {
+        self.is_view_new = true;
         match &mut self.shaded {
             Some(shaded) => shaded.exchange(pixels_bgrx),
             None => self.view.exchange(pixels_bgrx),
@@ -166,6 +199,6 @@ impl Painter for FieldPainter<'_> {
     }
 
     fn pixels_bgrx(&self) -> &[u32] {
-        &self.framebuffer.pixels
+        self.mask.as_ref().map_or(&self.framebuffer.pixels, |(_, shown)| shown)
     }
 }

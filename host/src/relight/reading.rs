@@ -109,7 +109,11 @@ impl Reading<'_> {
 
 /// A power of two that brings the picture near display white, so that fixed point keeps its precision.
 fn reading_exposure(weights: &PatchWeights, field: &Field<'_>) -> f32 {
-    let white = white_light(weights, field);
+    power_of_two(white_light(weights, field))
+}
+
+/// The power of two that brings `white` just below display white.
+pub(super) fn power_of_two(white: f64) -> f32 {
     if white > 0.0 { 2f64.powf(-white.log2().ceil()).clamp(1e-30, 1e30) as f32 } else { 1.0 }
 }
 

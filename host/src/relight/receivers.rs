@@ -1,11 +1,11 @@
 //! Receivers in front of the post: their light with the virtual geometry and without it -> factors -> the view in its shadow.
 
-use super::reading::white_light;
+use super::reading::{power_of_two, white_light};
 use super::{Relighter, View};
 use crate::view::gain::middle;
 use crate::weights::PatchWeights;
 use relume_firmware::field::Field;
-use relume_firmware::receivers::{DARKEST, Receivers, factor, shaded, share_of_view};
+use relume_firmware::receivers::{DARKEST, Receivers, factor_of_still, shaded, share_of_view};
 use relume_firmware::tile::{TILE_PIXELS, TILE_PX};
 use relume_firmware::tone::ViewLight;
 use relume_firmware::weights::WeightError;
@@ -32,6 +32,28 @@ struct WholePixel {
     pitch: usize,
 }
 
+/// The light that a still was taken in.
+struct StillLight {
+    /// The still's linear light per radiance.
+    gain: [f64; 3],
+    /// What a white surface showed in all of that light.
+    white: f64,
+    /// That its receivers were relit with.
+    exposure: f32,
+}
+
+impl StillLight {
+    /// What the still's light is multiplied by, once its receivers' is divided by their light then and multiplied by that of
+    /// now, relit with `exposure` and to be shown with `shown_exposure`; and what everything else is multiplied by, which has
+    /// no model: by how much brighter a white surface has become.
+    fn scales(&self, channel: usize, white: f64, (exposure, shown_exposure): (f32, f32)) -> (f32, f32) {
+        let exposed = f64::from(shown_exposure) / self.gain[channel];
+        let receivers = exposed * f64::from(self.exposure) / f64::from(exposure);
+        let rest = if self.white > 0.0 { exposed * white / self.white } else { exposed };
+        (receivers as f32, rest as f32)
+    }
+}
+
 /// The receivers of a field under the newest light.
 pub struct ReceiverLight<'f> {
     with: Relighter<'f>,
@@ -43,6 +65,11 @@ pub struct ReceiverLight<'f> {
     /// Which part of the view's pixel is the receiver, `[tile][padded covered pixel]`: a third of that layout.
     shares: Vec<f32>,
     exposure: f32,
+    /// The light that the view was taken in, if that is not today's.
+    still: Option<StillLight>,
+    /// What light of the view is multiplied by besides, per channel: of receivers, and of everything else.
+    scales: [(f32, f32); 3],
+    is_rescaled: bool,
     /// Pixels that show nothing but receivers.
     whole: Vec<WholePixel>,
     /// Room for the logarithms of their gains.
@@ -79,6 +106,9 @@ impl<'f> ReceiverLight<'f> {
             logs: Vec::with_capacity(GAUGES),
             shares,
             exposure: 1.0,
+            still: None,
+            scales: [(1.0, 1.0); 3],
+            is_rescaled: false,
             changed: vec![true; tiles],
             tone: ViewLight::new(),
         }
@@ -99,17 +129,40 @@ impl<'f> ReceiverLight<'f> {
         self.with.has_news() | self.without.has_news()
     }
 
-    /// Takes new weights.
+    /// Takes new weights, and the exposure that the picture is shown at.
     ///
     /// # Errors
     /// [`WeightError`]; everything then stays as it was.
-    pub fn set_weights(&mut self, weights: &PatchWeights) -> Result<(), WeightError> {
+    pub fn set_weights(&mut self, weights: &PatchWeights, shown_exposure: f32) -> Result<(), WeightError> {
         let white = white_light(weights, self.with.field());
         if white > 0.0 && !WHITE.contains(&(white * f64::from(self.exposure))) {
-            self.exposure = 2f64.powf(-white.log2().ceil()).clamp(1e-30, 1e30) as f32;
+            self.exposure = power_of_two(white);
+            self.both(Relighter::redraw);
         }
         self.with.set_weights(weights, self.exposure)?;
-        self.without.set_weights(weights, self.exposure)
+        let Some(still) = &self.still else { return self.without.set_weights(weights, self.exposure) };
+        let scales = std::array::from_fn(|channel| still.scales(channel, white, (self.exposure, shown_exposure)));
+        if self.scales != scales {
+            self.scales = scales;
+            self.is_rescaled = true;
+        }
+        Ok(())
+    }
+
+    /// Has the view be one that was taken in the light `then`: it is relit, too. False where it shows too little of the
+    /// receivers to tell how it was exposed.
+    ///
+    /// # Errors
+    /// [`WeightError`].
+    pub fn set_still_light(&mut self, then: &PatchWeights, view: &[u32]) -> Result<bool, WeightError> {
+        let white = white_light(then, self.with.field());
+        let exposure = power_of_two(white);
+        self.exposure = exposure;
+        self.with.set_weights(then, exposure)?;
+        self.without.set_weights(then, exposure)?;
+        self.follow();
+        self.still = self.gain(view).map(|gain| StillLight { gain, white, exposure });
+        Ok(self.still.is_some())
     }
 
     /// Linear light of `view` (1 = white) per radiance of the newest weights, from what it shows of the receivers; `None` where
@@ -136,6 +189,9 @@ impl<'f> ReceiverLight<'f> {
         self.with.keep_light(with);
         self.without.keep_light(without);
         let mut count = 0;
+        if self.is_rescaled {
+            self.changed.fill(true);
+        }
         let changed = &mut self.changed;
         let mut note = |tile: usize| changed[tile] = true;
         self.with.take_written(&mut note);
@@ -146,7 +202,8 @@ impl<'f> ReceiverLight<'f> {
             for channel in 0..3 {
                 for k in 0..n {
                     let at = from + channel * n + k;
-                    self.factors[at] = factor(self.light[0][at], self.light[1][at], self.shares[from / 3 + k]);
+                    let (with, without) = (self.light[0][at], self.light[1][at]);
+                    self.factors[at] = factor_of_still(with, without, self.shares[from / 3 + k], self.scales[channel]);
                 }
             }
             count += usize::from(tile.pixels() > 0);
@@ -156,7 +213,16 @@ impl<'f> ReceiverLight<'f> {
 
     /// Shades the view: `real` -> `shown`, of the field's size; where the factors have changed, or everywhere.
     pub fn shade(&mut self, real: &[u32], shown: &mut [u32], everywhere: bool) {
-        if everywhere {
+        let rest = self.scales.map(|(_, rest)| rest);
+        if std::mem::take(&mut self.is_rescaled) || everywhere && rest != [1.0; 3] {
+            // Every code once: most of a view is sky and far land.
+            let shade = |code: usize| shaded(0x0001_0101 * code as u32, rest, &self.tone).to_be_bytes();
+            let codes: [[u8; 4]; 256] = std::array::from_fn(shade);
+            for (shown, real) in shown.iter_mut().zip(real) {
+                let [_, r, g, b] = real.to_be_bytes().map(usize::from);
+                *shown = u32::from_be_bytes([0, codes[r][1], codes[g][2], codes[b][3]]);
+            }
+        } else if everywhere {
             shown.copy_from_slice(real);
         }
         let (width, columns) = (self.with.field().width(), self.with.field().response().grid().0);
@@ -230,6 +296,11 @@ impl<'f> ShadedView<'f> {
     /// The view as it is.
     pub fn real(&self) -> &[u32] {
         &self.real
+    }
+
+    /// What the view shows of everything but receivers; `None` where a still is relit as a whole.
+    pub fn unshaded(&self) -> Option<&[u32]> {
+        self.light.still.is_none().then_some(&self.real)
     }
 
     /// Exchanges the pixels of the view. Pixels of another size are left where they are.
