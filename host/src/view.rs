@@ -111,7 +111,7 @@ mod tests {
         let path = folder.path().join("still.png");
         image::RgbImage::new(4, 3).save(&path).unwrap();
         let text = Still::load_sized(&path, 512, 384).unwrap_err().to_string();
-        assert!(text.contains("4x3") && text.contains("view to 512x384") && text.contains("still.png"), "{text}");
+        assert!(text.contains("4x3") && text.contains("crop it to 512x384") && text.contains("still.png"), "{text}");
     }
 
     #[test]

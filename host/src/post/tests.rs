@@ -40,6 +40,9 @@ impl Painter for Pixel {
     fn wanted_exposure(&mut self) -> Option<f64> {
         (self.brightness > 0.0).then(|| 0.8 / f64::from(self.brightness))
     }
+    fn view_gain(&mut self) -> Option<[f64; 3]> {
+        (self.view[0] > 0).then(|| [f64::from(self.view[0]) / 1000.0; 3])
+    }
     fn draw(&mut self, damage: &mut Damage) -> anyhow::Result<FrameCounters> {
         let changed = std::mem::replace(&mut self.relit, self.drawn) != self.drawn;
         let before = std::mem::replace(&mut self.pixels[0], self.relit + self.view[0]);
@@ -209,6 +212,19 @@ fn a_lost_view_is_held_and_told_and_its_new_pictures_are_only_composited() {
 
     let (report, seen, _) = run_over(FIXED, &[Some(0.5)], Some(&[None]), false);
     assert_eq!((report.unwrap().health.state.as_str(), seen[0]), ("no view yet: the camera is gone", 50));
+}
+
+#[test]
+fn the_picture_is_exposed_as_the_view_is_in_the_frame_that_shows_it() {
+    let by_view = "[view_camera]\nframes = 'v'\n[exposure]\nmode = 'view'\n";
+    // New light comes once only; the last view trembles.
+    let views = [Some(1000), Some(1000), Some(2000), Some(2010)];
+    let (report, seen, _) = run_over(by_view, &[Some(0.5), None, None, None], Some(&views), false);
+    assert_eq!(seen, [1050, 1050, 2100, 2110]);
+    assert_eq!(report.unwrap().health.exposure_ev, 1.0);
+    // Without a view the picture itself tells.
+    let (_, seen, _) = run_over(by_view, &[Some(0.5), None], Some(&[None]), false);
+    assert!((56..114).contains(&seen[0]), "{seen:?}");
 }
 
 #[test]
