@@ -14,7 +14,7 @@ mod stone;
 use glam::{Affine3A, Vec2, Vec3};
 
 use crate::camera::Camera;
-use crate::scene::Scene;
+use crate::scene::{Role, Scene};
 
 /// Latitude and longitude of the site, degrees north and east: a headland of the Aegean.
 pub const SITE_DEG: [f64; 2] = [37.6, 24.0];
@@ -28,18 +28,30 @@ const TURN_DEG: f32 = 10.0;
 
 /// The site and the viewpoint of its viewing post.
 pub fn temple() -> (Scene, Camera) {
+    let (scene, camera) = site();
+    (Scene { roles: Vec::new(), ..scene }, camera)
+}
+
+/// The same as it is: the temple has vanished, and everything else is there. Land and ruin take its shadow; the cypresses are
+/// in front of it.
+pub fn site() -> (Scene, Camera) {
     let mut mesh = mesh::Mesh::new();
+    let mut roles = Vec::new();
     mesh.place = temple_place();
     building::temple(&mut mesh);
+    roles.resize(mesh.triangles.len(), Role::Virtual);
     mesh.place = Affine3A::IDENTITY;
     land::terrain(&mut mesh);
     land::ruin(&mut mesh);
     land::scatter(&mut mesh);
+    roles.resize(mesh.triangles.len(), Role::Receiver);
     land::cypresses(&mut mesh);
+    roles.resize(mesh.triangles.len(), Role::Occluder);
     let scene = Scene {
         triangles: mesh.triangles,
         materials: stone::materials(),
         textures: stone::textures(),
+        roles,
         ..Scene::default()
     };
     (scene, viewpoint())

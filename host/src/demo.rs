@@ -15,9 +15,11 @@ mod fast;
 mod figures;
 mod report;
 mod site;
+mod standing;
 mod trace;
 
 pub use fast::fast_day;
+pub use standing::standing;
 
 use std::path::Path;
 use std::time::Instant;

@@ -84,6 +84,14 @@ fn is_light(rgb: [f32; 3]) -> bool {
 }
 
 impl PatchWeights {
+    /// Takes over `weights` with their colours multiplied by `colour`; keeps its buffers.
+    pub fn set_tinted(&mut self, weights: &PatchWeights, colour: [f32; 3]) {
+        let tint = |rgb: [f32; 3]| core::array::from_fn(|c| rgb[c] * colour[c]);
+        self.radiance.clear();
+        self.radiance.extend(weights.radiance.iter().copied().map(tint));
+        self.sun = weights.sun.map(|sun| SunWeight { irradiance: tint(sun.irradiance), ..sun });
+    }
+
     /// Checks count, values and the sun's direction against a patch set.
     ///
     /// # Errors

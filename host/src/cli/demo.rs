@@ -9,6 +9,7 @@ pub(super) const COMMAND: Command = Command {
     help: "\
 relume demo [--out DIR]
 relume demo --day [--moments N] [--seed N] [--out DIR]
+relume demo --standing [--hours H] [--seed N] [--out DIR]
 
 Bakes the built-in scene, runs a day from dawn to dusk under a simulated sky camera, and writes pictures, plots and a
 summary into DIR (relume-demo if left out). Takes under two minutes on two cores.
@@ -16,7 +17,10 @@ summary into DIR (relume-demo if left out). Takes under two minutes on two cores
   --day        a small bake, then the sky camera's light against the true light from the sun 8 degrees below the horizon
                to 8 degrees below, under passing clouds: day.json and day.png
   --moments N  with --day: moments from dawn to dusk (400 if left out)
-  --seed N     with --day: which clouds (1 if left out)
+  --standing   the site without its temple as a simulated view camera takes it, and the temple put in by the post, against a
+               path trace of the site with it: three days, in colour differences: standing.json, standing.png, flicker.html
+  --hours H    with --standing: hours from picture to picture (2 if left out)
+  --seed N     with --day: which clouds; with --standing: which noise (1 if left out)
 ",
     act,
 };
@@ -24,22 +28,27 @@ summary into DIR (relume-demo if left out). Takes under two minutes on two cores
 fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     use lexopt::prelude::Long;
     let (mut out, mut day, mut moments, mut seed) = (PathBuf::from("relume-demo"), false, None, None);
+    let (mut standing, mut hours) = (false, None);
     while let Some(arg) = parser.next()? {
         match arg {
             Long("out") => out = parser.value()?.into(),
             Long("day") => day = true,
+            Long("standing") => standing = true,
+            Long("hours") => hours = Some(number(&mut parser, "--hours", 0.1..=24.0)?),
             Long("moments") => moments = Some(number(&mut parser, "--moments", 2.0..=100_000.0)?),
             Long("seed") => seed = Some(number(&mut parser, "--seed", 0.0..=1e9)?),
             other => return Err(other.unexpected().into()),
         }
     }
-    if !day && (moments.is_some() || seed.is_some()) {
-        return Err(Failure::bad("demo: --moments and --seed belong to --day; add it"));
+    match (day, standing) {
+        (true, true) => Err(Failure::bad("demo: --day and --standing are two studies; give one")),
+        (false, _) if moments.is_some() => Err(Failure::bad("demo: --moments belongs to --day; add it")),
+        (_, false) if hours.is_some() => Err(Failure::bad("demo: --hours belongs to --standing; add it")),
+        (false, false) if seed.is_some() => Err(Failure::bad("demo: --seed belongs to --day or --standing; add one")),
+        (true, false) => fast_day(&out, moments.unwrap_or(400.0) as usize, seed.unwrap_or(1.0) as u64),
+        (false, true) => still_standing(&out, hours.unwrap_or(2.0), seed.unwrap_or(1.0) as u64),
+        (false, false) => demo(&out),
     }
-    if day {
-        return fast_day(&out, moments.unwrap_or(400.0) as usize, seed.unwrap_or(1.0) as u64);
-    }
-    demo(&out)
 }
 
 #[cfg(feature = "demo")]
@@ -50,6 +59,16 @@ fn demo(out: &std::path::Path) -> Result<(), Failure> {
 #[cfg(feature = "demo")]
 fn fast_day(out: &std::path::Path, moments: usize, seed: u64) -> Result<(), Failure> {
     super::say(&crate::demo::fast_day(out, moments, seed)?)
+}
+
+#[cfg(feature = "demo")]
+fn still_standing(out: &std::path::Path, step_h: f64, seed: u64) -> Result<(), Failure> {
+    super::say(&crate::demo::standing(out, step_h, seed)?)
+}
+
+#[cfg(not(feature = "demo"))]
+fn still_standing(out: &std::path::Path, _step_h: f64, _seed: u64) -> Result<(), Failure> {
+    demo(out)
 }
 
 #[cfg(not(feature = "demo"))]

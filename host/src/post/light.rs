@@ -6,7 +6,6 @@ use crate::failure::Failure;
 use crate::health::WeightsState;
 use crate::lightlog::LoggedLight;
 use crate::sky_source::{SkyFault, SunSource};
-use crate::weights::SunWeight;
 
 impl Post<'_> {
     /// Asks the sky for new weights and keeps the old ones if there are none. True when there will be no more.
@@ -66,11 +65,7 @@ impl Post<'_> {
 
     /// Brings the held weights into the view's colours.
     fn balance(&mut self) {
-        let colour = self.exposure.colour();
-        let tint = |rgb: [f32; 3]| std::array::from_fn(|c| rgb[c] * colour[c]);
-        self.balanced.radiance.clear();
-        self.balanced.radiance.extend(self.held.weights.radiance.iter().copied().map(tint));
-        self.balanced.sun = self.held.weights.sun.map(|sun| SunWeight { irradiance: tint(sun.irradiance), ..sun });
+        self.balanced.set_tinted(&self.held.weights, self.exposure.colour());
     }
 
     /// Exposes as the view is exposed, where that is asked for and known. True when exposure or colour changed.
