@@ -239,9 +239,8 @@ impl<'p> Post<'p> {
     /// Relights, draws and presents one frame.
     fn show(&mut self, moment: Moment) -> Result<(), Failure> {
         let is_new = std::mem::take(&mut self.is_new);
-        if is_new | self.parts.painter.has_news() {
-            self.relight(moment);
-        } else if self.behind.as_ref().is_some_and(Behind::is_new) && self.follow_view() {
+        let has_news = is_new | self.parts.painter.has_news();
+        if has_news || self.behind.as_ref().is_some_and(Behind::is_new) && self.follow_view() {
             self.relight(moment);
         }
         if self.frames > 0 {
