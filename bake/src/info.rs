@@ -4,6 +4,7 @@ use crate::noise::Noise;
 use crate::report::Report;
 use relume_firmware::field::{CameraRecord, Field};
 use relume_firmware::glue::failure::Failure;
+use relume_firmware::lens::{Lens, Projection};
 use relume_firmware::tile::MAX_RANK;
 use serde::Serialize;
 use std::fmt;
@@ -42,6 +43,27 @@ struct CameraInfo {
     up: [f32; 3],
     fov_y_deg: f32,
     north_deg: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lens: Option<LensInfo>,
+}
+
+/// The lens over the field's pixels.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct LensInfo {
+    model: &'static str,
+    focal_px: [f64; 2],
+    principal_px: [f64; 2],
+    k: [f64; 4],
+}
+
+impl LensInfo {
+    fn of(lens: Lens) -> Self {
+        let model = match lens.projection {
+            Projection::Radial => "radial",
+            Projection::KannalaBrandt => "kannala_brandt",
+        };
+        LensInfo { model, focal_px: lens.focal_px, principal_px: lens.principal_px, k: lens.k }
+    }
 }
 
 /// Ranks of the tiles, counted by covered pixels.
@@ -96,7 +118,8 @@ impl Info {
     /// Of a field in memory, called `file`.
     pub fn of(field: &Field<'_>, file: &str) -> Self {
         let header = field.header();
-        let CameraRecord { position, target, up, fov_y_deg, north_deg } = header.camera;
+        let CameraRecord { position, target, up, fov_y_deg, north_deg, lens } = header.camera;
+        let lens = lens.map(LensInfo::of);
         let covered = field.response().covered();
         let tiles = field.response();
         let own = (0..tiles.tiles()).map(|t| tiles.tile(t).bytes());
@@ -113,7 +136,7 @@ impl Info {
             patches_upper: header.patches.upper(),
             patches_lower: header.patches.lower(),
             covered_pixels: covered,
-            camera: CameraInfo { position, target, up, fov_y_deg, north_deg },
+            camera: CameraInfo { position, target, up, fov_y_deg, north_deg, lens },
             error_target: header.error_target,
             site: header.site,
             seed: header.seed,
@@ -155,6 +178,9 @@ impl fmt::Display for Info {
             "camera    at {:?} towards {:?}, {} degrees high, north {}",
             camera.position, camera.target, camera.fov_y_deg, camera.north_deg
         )?;
+        if let Some(LensInfo { model, focal_px: [fx, _], principal_px: [cx, cy], k }) = camera.lens {
+            writeln!(f, "lens      {model}, focal length {fx:.2} px, axis at ({cx:.2}, {cy:.2}) px, k {k:.6?}")?;
+        }
         writeln!(
             f,
             "bytes     {:.1} read and {:.1} stored per covered pixel",

@@ -33,6 +33,7 @@ pub mod normalmap;
 mod path;
 pub mod plan;
 pub mod png;
+pub mod pose;
 pub mod preview;
 pub mod prior;
 pub mod progress;

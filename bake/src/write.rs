@@ -154,6 +154,9 @@ impl FieldWriter {
             layers.push((*b"GLST", LAYER_CRITICAL, self.gloss_places));
             layers.push((*b"GLSS", LAYER_CRITICAL, self.gloss));
         }
+        if let Some(lens) = &header.camera.lens {
+            layers.push((*b"LENS", LAYER_CRITICAL, lens.encode().to_vec()));
+        }
         if let Some(list) = header.patches.listed() {
             layers.push((*b"DIRS", LAYER_CRITICAL, directions(list)));
         }
