@@ -72,13 +72,14 @@ impl Camera {
             let advice = "it is zero or parallel to the view; choose another direction";
             return Err(fault("up", format!("{:?}", self.up), advice));
         }
+        self.optics.map_or(Ok(()), |optics| optics.check(file))?;
         if !(self.fov_y_deg > 0.0 && self.fov_y_deg < 180.0) {
             return Err(fault("fov_y_deg", self.fov_y_deg.to_string(), "write degrees between 0 and 180"));
         }
         if !self.north_deg.is_finite() {
             return Err(fault("north_deg", self.north_deg.to_string(), "write degrees from -Z towards +X"));
         }
-        self.optics.map_or(Ok(()), |optics| optics.check(file))
+        Ok(())
     }
 
     /// Has a picture of `size` (width, height) the shape of the still that the lens was measured on? A pinhole does not mind.

@@ -31,8 +31,9 @@ pub const USUAL_NOISE_PX: f64 = 0.5;
 const NOT_NOISE: f64 = 0.004;
 /// Share of the points that must fit.
 const MOST: f64 = 0.6;
-/// A fisheye's model is taken where it is more probable than a radial one by a factor e^this, squared.
-const CLEARLY: f64 = 6.0;
+/// A fisheye's model is taken where the evidence for it against a radial one is very strong: twice the logarithm of the Bayes
+/// factor (Kass & Raftery, *Bayes Factors*, JASA 1995).
+const CLEARLY: f64 = 10.0;
 
 /// What is known of the still beforehand.
 #[derive(Clone, Copy, Debug, PartialEq)]

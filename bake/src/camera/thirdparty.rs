@@ -78,7 +78,7 @@ fn balls(centres: &[[f64; 3]], radius: f64) -> Scene {
     for centre in centres.iter().map(|&centre| DVec3::from(centre)) {
         for cell in 0..16 * 32 {
             let (row, column) = (cell / 32, cell % 32);
-            let at = |down, right| corner(centre, row + down, column + right);
+            let at = |down: u32, right: u32| corner(centre, row + down, column + right);
             for positions in [[at(0, 0), at(0, 1), at(1, 1)], [at(0, 0), at(1, 1), at(1, 0)]] {
                 let normals = positions.map(|p| (p - centre.as_vec3()).normalize());
                 triangles.push(Triangle { positions, normals, uvs: [Vec2::ZERO; 3], material: 0 });

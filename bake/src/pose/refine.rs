@@ -11,6 +11,10 @@ use relume_firmware::glue::least_squares::minimise;
 
 /// The noise that is expected counts as much as so many measured numbers.
 const NOISE_WEIGHT: f64 = 8.0;
+/// Cameras that starts ended in of which the most probable is taken.
+const TRIED: usize = 3;
+/// The picture of a place is not known where its variance is larger than so many times the noise's.
+const VAGUE: f64 = 400.0;
 /// A point that noise puts that far off in one of a hundred sets is said not to fit.
 const DOUBTED: f64 = 0.01;
 
@@ -33,15 +37,32 @@ pub struct Refined {
 
 /// The camera near one of `starts` under which `points` are most probable, if one is; `sigma_px` is their expected noise.
 pub fn refine(points: &[Point], starts: &[Model], sigma_px: f64) -> Option<Refined> {
-    let settled = starts.iter().filter_map(|start| robust(points, start, sigma_px));
-    let (_, model) = settled.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let mut fits = first_guess(points, &model, sigma_px);
+    let mut settled: Vec<_> = starts.iter().filter_map(|start| robust(points, start, sigma_px)).collect();
+    settled.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut tried: Vec<Model> = Vec::new();
+    for (_, model) in settled {
+        if tried.len() < TRIED && !tried.iter().any(|other| is_same(other, &model)) {
+            tried.push(model);
+        }
+    }
+    let refined = tried.iter().filter_map(|model| without_strays(points, model, sigma_px));
+    refined.min_by(|a, b| a.unlikeliness.total_cmp(&b.unlikeliness))
+}
+
+/// Did two starts end in the same camera?
+fn is_same(a: &Model, b: &Model) -> bool {
+    (a.focal_px / b.focal_px).ln().abs() < 1e-3 && a.stand.eye.distance(b.stand.eye) < 1e-3 * a.scale_m
+}
+
+/// The most probable camera near `model`, points dropped and taken back until those fit that are there.
+fn without_strays(points: &[Point], model: &Model, sigma_px: f64) -> Option<Refined> {
+    let mut fits = first_guess(points, model, sigma_px);
     let mut best = None;
     for _ in 0..2 * points.len() {
         if fits.iter().filter(|fits| **fits).count() < FEWEST {
             return None;
         }
-        let refined = most_probable(points, fits.clone(), &model, sigma_px)?;
+        let refined = most_probable(points, fits.clone(), model, sigma_px)?;
         let changed = reconsider(points, &refined, &mut fits);
         best = Some(refined);
         if !changed {
@@ -194,6 +215,10 @@ fn doubts(points: &[Point], refined: &Refined) -> Vec<f64> {
         // A residual varies less than the noise where the fit has followed it, and more where it has not.
         let sign = if fits { -1.0 } else { 1.0 };
         let [xx, xy, yy] = refined.covariance.of_picture(&slopes).map(|value| sign * value);
+        // Where the camera is not known at all, as right behind a fisheye, everything would seem to fit.
+        if xx + yy > VAGUE * noise {
+            return f64::INFINITY;
+        }
         let floor = 0.05 * noise;
         let (xx, yy) = ((noise + xx).max(floor), (noise + yy).max(floor));
         let squared = (u * u * yy - 2.0 * u * v * xy + v * v * xx) / (xx * yy - xy * xy).max(floor * floor);
