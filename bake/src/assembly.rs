@@ -144,7 +144,7 @@ fn header(camera: &Camera, patches: PatchSet, options: &BakeOptions) -> Header {
         height: options.size.1,
         patches,
         covered: 0,
-        camera: camera.record(),
+        camera: camera.record(options.size),
         error_target: options.error as f32,
         site: options.site.map(|site| site.map(|degrees| degrees as f32)),
         seed: options.transport.seed,

@@ -1,6 +1,7 @@
 //! The command line of `relume-bake`.
 
 mod arguments;
+mod camera;
 mod import;
 mod merge;
 mod plan;
@@ -19,7 +20,8 @@ relume-bake: makes the field that a post relights.
 
   relume-bake scene SCENE.glb --camera CAM.json --size WxH -o FIELD
       SCENE            glTF 2.0, .glb or .gltf; the word demo: the built-in scene, which brings its own camera
-      --camera FILE    {\"position\":[x,y,z],\"target\":[x,y,z],\"up\":[0,1,0],\"fov_y_deg\":45} (and \"north_deg\")
+      --camera FILE    {\"position\":[x,y,z],\"target\":[x,y,z],\"up\":[0,1,0],\"fov_y_deg\":45} (and \"north_deg\"), or what
+                       `relume-bake camera` wrote: then the field shows the scene through that lens
       --size WxH       picture size in pixels, the display's
       -o FIELD         the field file to write
       --directions N   patches of the upper hemisphere, 16 to 1024 (256)
@@ -42,6 +44,8 @@ relume-bake: makes the field that a post relights.
       --report DIR     also write a page about the field: index.html with maps of ranks, bytes, errors and noise
       --json           print the report as JSON
       --resume         go on where an interrupted bake of the same field stopped (it left FIELD.part)
+  relume-bake camera STILL --points P.csv -o CAM.json [--overlay PNG --scene SCENE.glb]
+      measures pose and lens of a still by points whose places are known; see relume-bake camera --help
   relume-bake plan SCENE.glb --camera CAM.json --size WxH [options as above] -o PLAN.toml
       fixes directions, tiles and samples, so that shares can be baked anywhere; tells how many tiles there are
   relume-bake scene --plan PLAN.toml --tiles A..B -o SHARE [--resume] [--threads N]
@@ -66,13 +70,14 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> Result<(), Failure> {
         Some(Value(command)) if command == "plan" => plan::act(&mut parser),
         Some(Value(command)) if command == "merge" => merge::act(&mut parser),
         Some(Value(command)) if command == "info" => show_info(&mut parser),
+        Some(Value(command)) if command == "camera" => camera::act(&mut parser),
         Some(Value(command)) if command == "import" => import::act(&mut parser),
         Some(Long("help") | Short('h')) | None => print(HELP),
         Some(Long("version") | Short('V')) => print(concat!("relume-bake ", env!("CARGO_PKG_VERSION"), "\n")),
         Some(Value(other)) => {
             let other = other.to_string_lossy();
             Err(Failure::bad(format!(
-                "no command {other:?}; use scene, plan, merge, import or info (see relume-bake --help)"
+                "no command {other:?}; use scene, camera, plan, merge, import or info (see relume-bake --help)"
             )))
         }
         Some(other) => Err(other.unexpected().into()),

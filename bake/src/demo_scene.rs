@@ -69,6 +69,7 @@ fn viewpoint() -> Camera {
         target: Vec3::new(AIM.x, 5.0, AIM.y).as_dvec3().to_array(),
         up: [0.0, 1.0, 0.0],
         fov_y_deg: 34.0,
+        optics: None,
         north_deg: 0.0,
     }
 }

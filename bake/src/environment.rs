@@ -139,12 +139,14 @@ pub fn reference(
 ) -> Reference {
     let (width, height) = size;
     let geometry = Geometry::new(scene);
+    let view = camera.view(width, height);
+    let origin = view.position.as_vec3();
     let pixel = |index: u32| {
         let mut random = Random::new(seed, index);
         let (mut sum, mut hits) = (Vec3A::ZERO, 0u32);
         for _ in 0..samples {
             let (px, py) = ((index % width) as f32 + random.unit(), (index / width) as f32 + random.unit());
-            let (origin, direction) = camera.ray(width, height, px, py);
+            let Some(direction) = view.direction(px, py) else { continue };
             if let Some(radiance) = path(&geometry, environment, (origin, direction), &mut random) {
                 sum += radiance;
                 hits += 1;
@@ -242,6 +244,7 @@ mod tests {
             target: [0.0; 3],
             up: [0.0, 0.0, -1.0],
             fov_y_deg: 40.0,
+            optics: None,
             north_deg: 0.0,
         };
         (Scene { triangles, materials: vec![material], ..Scene::default() }, camera)

@@ -4,6 +4,7 @@ use crate::noise::Noise;
 use crate::report::Report;
 use relume_firmware::field::{CameraRecord, Field};
 use relume_firmware::glue::failure::Failure;
+use relume_firmware::lens::{Lens, Projection};
 use relume_firmware::receivers::Receivers;
 use relume_firmware::tile::MAX_RANK;
 use serde::Serialize;
@@ -44,6 +45,27 @@ struct CameraInfo {
     up: [f32; 3],
     fov_y_deg: f32,
     north_deg: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lens: Option<LensInfo>,
+}
+
+/// The lens over the field's pixels.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct LensInfo {
+    model: &'static str,
+    focal_px: [f64; 2],
+    principal_px: [f64; 2],
+    k: [f64; 4],
+}
+
+impl LensInfo {
+    fn of(lens: Lens) -> Self {
+        let model = match lens.projection {
+            Projection::Radial => "radial",
+            Projection::KannalaBrandt => "kannala_brandt",
+        };
+        LensInfo { model, focal_px: lens.focal_px, principal_px: lens.principal_px, k: lens.k }
+    }
 }
 
 /// What a field says about its receivers; their bytes are not among those of its covered pixels.
@@ -125,7 +147,8 @@ impl Info {
     /// Of a field in memory, called `file`.
     pub fn of(field: &Field<'_>, file: &str) -> Self {
         let header = field.header();
-        let CameraRecord { position, target, up, fov_y_deg, north_deg } = header.camera;
+        let CameraRecord { position, target, up, fov_y_deg, north_deg, lens } = header.camera;
+        let lens = lens.map(LensInfo::of);
         let covered = field.response().covered();
         let receivers = Receivers::of(field).ok().flatten().map(|receivers| ReceiverInfo::of(&receivers));
         let own_bytes = field.file_bytes() - receivers.map_or(0, |receivers| receivers.bytes.iter().sum());
@@ -141,7 +164,7 @@ impl Info {
             patches_upper: header.patches.upper(),
             patches_lower: header.patches.lower(),
             covered_pixels: covered,
-            camera: CameraInfo { position, target, up, fov_y_deg, north_deg },
+            camera: CameraInfo { position, target, up, fov_y_deg, north_deg, lens },
             error_target: header.error_target,
             site: header.site,
             seed: header.seed,
@@ -184,6 +207,9 @@ impl fmt::Display for Info {
             "camera    at {:?} towards {:?}, {} degrees high, north {}",
             camera.position, camera.target, camera.fov_y_deg, camera.north_deg
         )?;
+        if let Some(LensInfo { model, focal_px: [fx, _], principal_px: [cx, cy], k }) = camera.lens {
+            writeln!(f, "lens      {model}, focal length {fx:.2} px, axis at ({cx:.2}, {cy:.2}) px, k {k:.6?}")?;
+        }
         writeln!(
             f,
             "bytes     {:.1} read and {:.1} stored per covered pixel",

@@ -16,6 +16,7 @@ use crate::stack::{Manifest, ManifestSun, StackWriter};
 use crate::sun::SunDisc;
 use crate::sunlayers::CasterLayers;
 use crate::transfer::Gathered;
+use crate::viewpoint::check_shape;
 use rayon::prelude::*;
 use relume_firmware::glue::map::MapError;
 use relume_firmware::patches::PatchSet;
@@ -79,6 +80,7 @@ impl<'s> Job<'s> {
     /// # Errors
     /// [`BakeError`].
     pub fn new(part: Part<'s>, camera: &Camera, options: &BakeOptions) -> Result<Self, BakeError> {
+        check_shape(camera, options.size)?;
         let patches = options.patch_set()?;
         let maps: Result<Vec<TestSky>, MapError> =
             options.test_maps.iter().map(|path| captured(path, &patches)).collect();

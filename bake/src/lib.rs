@@ -35,6 +35,7 @@ pub mod part;
 mod path;
 pub mod plan;
 pub mod png;
+pub mod pose;
 pub mod preview;
 pub mod prior;
 pub mod progress;

@@ -212,10 +212,10 @@ impl<'s> Transport<'s> {
         let mut rng = Rng::new(self.options.seed, x, y, 0);
         let origin = self.view.position.as_vec3a();
         // Each of 4 x 4 points stands for its part of the pixel.
-        let cone = Cone { width: 0.0, spread: 0.25 * self.view.pixel_angle() };
+        let cone = Cone { width: 0.0, spread: 0.25 * self.view.pixel_angle(x as f32 + 0.5, y as f32 + 0.5) };
         let mut look = |s: usize| {
             let [right, down] = pixel_point(s);
-            let direction = Vec3A::from(self.view.direction(x as f32 + right, y as f32 + down));
+            let direction = Vec3A::from(self.view.direction(x as f32 + right, y as f32 + down)?);
             self.eye.first(&self.tracer, origin, direction, cone, &mut rng)
         };
         let seen = (0..PIXEL_POINTS).map(&mut look).collect();

@@ -74,7 +74,7 @@ fn looks(scene: &Scene, geometry: &Geometry<'_>, view: &CameraView, size: (u32, 
         let word = hash(cell);
         let jitter = Vec2::new((word >> 16) as f32, (word & 0xffff) as f32) / 65536.0;
         let at = Grid::new(SIDE * SIDE).point(cell, jitter) * size;
-        let direction = view.direction(at.x, at.y).into();
+        let direction = view.direction(at.x, at.y)?.into();
         let hit = geometry.closest(origin, direction, cell)?;
         let material = scene.triangles.get(hit.triangle as usize)?.material;
         Some(Look {

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3A};
 
-use crate::camera::CameraView;
+use crate::camera::{Camera, CameraView};
 use crate::geometry::{Geometry, Hit};
 use crate::strata::{Grid, hash};
 
@@ -19,6 +19,20 @@ pub enum TransportError {
         width: u32,
         /// Height, pixels.
         height: u32,
+    },
+    /// The picture has not the shape of the still that the camera's lens was measured on.
+    #[error(
+        "size {width}x{height}: the camera's lens was measured on a still of {}x{} (size_px), another shape; choose a size \
+         of that shape",
+        still[0], still[1]
+    )]
+    Shape {
+        /// Width, pixels.
+        width: u32,
+        /// Height, pixels.
+        height: u32,
+        /// Width and height of the still, pixels.
+        still: [u32; 2],
     },
     /// The scene has no triangles.
     #[error("the scene has no triangles; export at least one mesh with faces")]
@@ -63,6 +77,17 @@ pub(crate) fn check_size((width, height): (u32, u32)) -> Result<(), TransportErr
     }
 }
 
+/// # Errors
+/// [`TransportError::Shape`] when the camera's lens was measured on a still of another shape than `size`.
+pub(crate) fn check_shape(camera: &Camera, (width, height): (u32, u32)) -> Result<(), TransportError> {
+    match camera.optics {
+        Some(optics) if !optics.fits((width, height)) => {
+            Err(TransportError::Shape { width, height, still: optics.size_px })
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Shares of the scene's diagonal, of rays that see only what is nearer, and of all directions that meet backs.
 const TOUCHING: f32 = 1e-3;
 const MOST_RAYS: f32 = 0.9;
@@ -80,7 +105,7 @@ pub(crate) fn check_view(geometry: &Geometry, view: &CameraView, size: (u32, u32
     let hits: Vec<Hit> = (0..side * side)
         .filter_map(|cell| {
             let at = Grid::new(side * side).point(cell, jitter(cell)) * Vec2::new(size.0 as f32, size.1 as f32);
-            geometry.closest(origin, view.direction(at.x, at.y).into(), cell)
+            geometry.closest(origin, view.direction(at.x, at.y)?.into(), cell)
         })
         .collect();
     if hits.is_empty() {

@@ -164,6 +164,9 @@ impl FieldWriter {
             layers.push((*b"RCVW", 0, with));
             layers.push((*b"RCVO", 0, without));
         }
+        if let Some(lens) = &header.camera.lens {
+            layers.push((*b"LENS", LAYER_CRITICAL, lens.encode().to_vec()));
+        }
         if let Some(list) = header.patches.listed() {
             layers.push((*b"DIRS", LAYER_CRITICAL, directions(list)));
         }

@@ -4,6 +4,7 @@ use crate::casters::{Beam, Caster, Casters, Passage, Suspects};
 use crate::field::CameraRecord;
 use crate::gloss::{GLOSS, Gloss, reflecting_normal};
 use crate::header::{u16_at, u32_at};
+use crate::lens::Lens;
 use crate::pixelpoints::{PIXEL_POINTS, pixel_point};
 use crate::sunlight::FRAGMENT;
 use crate::vector::{Vec3, add, cross, dot, length, mul, sub, unit};
@@ -19,6 +20,23 @@ pub struct ViewRays {
     right: Vec3,
     down: Vec3,
     centre: [f32; 2],
+    lens: Option<Lens>,
+}
+
+/// Rays through one pixel.
+struct PixelRays {
+    /// Direction at `centre`, px; not of unit length.
+    dir: Vec3,
+    across: Vec3,
+    down: Vec3,
+    centre: [f32; 2],
+}
+
+impl PixelRays {
+    /// Direction (not of unit length) through the picture position `x`, `y` in px.
+    fn dir(&self, x: f32, y: f32) -> Vec3 {
+        add(self.dir, add(mul(self.across, x - self.centre[0]), mul(self.down, y - self.centre[1])))
+    }
 }
 
 impl ViewRays {
@@ -28,19 +46,30 @@ impl ViewRays {
         let right = unit(cross(forward, camera.up));
         let down = cross(forward, right);
         let half = 0.5 * camera.fov_y_deg.to_radians();
-        let pixel = libm::sinf(half) / libm::cosf(half) / (0.5 * height as f32);
+        let pinhole = libm::sinf(half) / libm::cosf(half) / (0.5 * height as f32);
+        let pixel = if camera.lens.is_some() { 1.0 } else { pinhole };
         ViewRays {
             origin: camera.position,
             forward,
             right: mul(right, pixel),
             down: mul(down, pixel),
             centre: [0.5 * width as f32, 0.5 * height as f32],
+            lens: camera.lens,
         }
     }
 
-    /// Direction (not of unit length) through the picture position `x`, `y` in px.
-    fn dir(&self, x: f32, y: f32) -> Vec3 {
-        add(self.forward, add(mul(self.right, x - self.centre[0]), mul(self.down, y - self.centre[1])))
+    /// Within a pixel the lens is taken as linear: what that leaves out is its bend over half a pixel.
+    fn pixel(&self, (px, py): (usize, usize)) -> PixelRays {
+        let Some(lens) = &self.lens else {
+            return PixelRays { dir: self.forward, across: self.right, down: self.down, centre: self.centre };
+        };
+        let centre = [px as f32 + 0.5, py as f32 + 0.5];
+        let ray = lens.ray(centre.map(f64::from));
+        let to_world = |[x, y, z]: [f64; 3]| {
+            add(mul(self.forward, z as f32), add(mul(self.right, x as f32), mul(self.down, y as f32)))
+        };
+        let [dir, across, down] = [ray.dir_camera, ray.across, ray.down].map(to_world);
+        PixelRays { dir, across, down, centre }
     }
 }
 
@@ -121,10 +150,11 @@ impl Facet {
         let towards_viewer = |normal: Vec3| if dot(normal, plane) < 0.0 { mul(normal, -1.0) } else { normal };
         let flat = towards_viewer(unit(corner_normals[0]));
         let none = [[0.0; 3]; PIXEL_POINTS];
+        let through = rays.pixel((px, py));
         let mut facet = Facet { points: none, normals: none, strata: [0; PIXEL_POINTS], count: 0, plane, is_flat };
         for s in (0..PIXEL_POINTS).filter(|s| strata >> s & 1 != 0) {
             let [x, y] = pixel_point(s);
-            let dir = rays.dir(px as f32 + x, py as f32 + y);
+            let dir = through.dir(px as f32 + x, py as f32 + y);
             let facing = dot(across, dir);
             if facing == 0.0 {
                 continue;

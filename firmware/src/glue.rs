@@ -1,8 +1,9 @@
 //! What both command-line tools need beyond the core (feature `std`): exit codes, files that appear whole, radiance maps and
-//! the weights they become.
+//! the weights they become, least squares.
 
 mod cells;
 pub mod failure;
+pub mod least_squares;
 pub mod map;
 pub mod outfile;
 pub mod split;

@@ -1,6 +1,7 @@
 //! The field file's header and layer table as numbers (layout: field.rs).
 
 use crate::field::{FieldError, HEADER, LAYER_ENTRY, LayerKind, MAGIC, MAX_EDGE, VERSION};
+use crate::lens::Lens;
 use crate::patches::{Listed, PatchSet};
 
 /// The viewpoint a field was baked for (the camera file's values).
@@ -8,14 +9,16 @@ use crate::patches::{Listed, PatchSet};
 pub struct CameraRecord {
     /// Eye, world metres.
     pub position: [f32; 3],
-    /// A point in the middle of the picture, world metres.
+    /// A point in the middle of the picture, or on the lens's axis, world metres.
     pub target: [f32; 3],
     /// World direction that is up in the picture.
     pub up: [f32; 3],
-    /// Vertical field of view, degrees.
+    /// Vertical field of view, degrees; with a lens, that of a pinhole of its focal length.
     pub fov_y_deg: f32,
     /// Where true north lies, degrees from -Z towards +X.
     pub north_deg: f32,
+    /// The lens over the field's pixels; none: a pinhole.
+    pub lens: Option<Lens>,
 }
 
 /// What the header says; `encode` and `decode` are each other's inverse.
@@ -115,8 +118,8 @@ impl Header {
         out
     }
 
-    /// `directions` is the layer DIRS, if there is one.
-    pub(crate) fn decode(b: &[u8], directions: Option<&[u8]>) -> Result<Self, FieldError> {
+    /// `directions` and `lens` are the layers DIRS and LENS, where there are such.
+    pub(crate) fn decode(b: &[u8], directions: Option<&[u8]>, lens: Option<&[u8]>) -> Result<Self, FieldError> {
         let (width, height) = (u32_at(b, 24), u32_at(b, 28));
         if width == 0 || height == 0 || width > MAX_EDGE || height > MAX_EDGE {
             return Err(FieldError::Invalid("picture size"));
@@ -138,6 +141,7 @@ impl Header {
             up: vec3_at(b, 72),
             fov_y_deg: f32_at(b, 84),
             north_deg: f32_at(b, 88),
+            lens: lens.map(|layer| Lens::decode(layer).ok_or(FieldError::Invalid("lens"))).transpose()?,
         };
         let finite = (48..92).step_by(4).all(|at| f32_at(b, at).is_finite());
         if !(finite && camera.fov_y_deg > 0.0 && camera.fov_y_deg < 180.0) {

@@ -19,6 +19,7 @@ pub mod gloss;
 pub mod glue;
 mod header;
 pub mod kernel;
+pub mod lens;
 pub mod levels;
 pub mod minifloat;
 pub mod overlay;

@@ -162,6 +162,7 @@ fn header(patches: PatchSet, (width, height): (u32, u32), error: f64) -> Header 
         up: [0.0, 1.0, 0.0],
         fov_y_deg: 45.0,
         north_deg: 0.0,
+        lens: None,
     };
     let error_target = error as f32;
     Header { width, height, patches, covered: 0, camera, error_target, site: None, seed: 0, max_hits: 0 }

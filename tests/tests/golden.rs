@@ -28,7 +28,7 @@ fn baked(
     let png = checks_png();
     put(&folder.join("scene.glb"), glb(meshes, Some(Texture::Inside(&png))));
     let scene = scene::load(&folder.join("scene.glb"), scene::Shading::Lambert).unwrap().scene;
-    let camera = Camera { position, target, up: [0.0, 1.0, 0.0], fov_y_deg: 40.0, north_deg: 0.0 };
+    let camera = Camera { position, target, up: [0.0, 1.0, 0.0], fov_y_deg: 40.0, north_deg: 0.0, optics: None };
     let options = BakeOptions { size, directions, progress: false, ..BakeOptions::default() };
     bake(&scene, &camera, &options).unwrap().bytes
 }

@@ -134,7 +134,7 @@ impl Transport<'_> {
             let surface = seen.get(rng.next_u32() as usize % seen.len().max(1))?;
             let own = surface.reflectance().max(Vec3A::splat(1e-6));
             let from_eye = surface.position.distance(self.view.position.as_vec3a());
-            let footprint = NEAR_PX * self.view.pixel_angle() * from_eye;
+            let footprint = NEAR_PX * self.view.pixel_angle(x as f32 + 0.5, y as f32 + 0.5) * from_eye;
             let mut before = surface.position;
             self.tracer.walk(surface, two_squares(path, seed), &mut rng, |step, throughput, _, rng| {
                 let Step::Met(surface) = step else { return };

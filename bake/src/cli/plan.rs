@@ -6,6 +6,7 @@ use super::{HELP, print};
 use crate::geometry::Geometry;
 use crate::plan::Plan;
 use crate::survey::survey;
+use crate::viewpoint::check_shape;
 use crate::write;
 use relume_firmware::glue::failure::Failure;
 use relume_firmware::glue::outfile::check_writable;
@@ -24,6 +25,7 @@ pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     let camera_file = arguments.camera.as_deref();
     let (scene, camera, names) = scene_and_camera(scene_file, camera_file, arguments.shading)?;
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    check_shape(&camera, options.size).map_err(|error| told(error.into(), &names))?;
     let options = arguments.sampled((&scene, &camera, &names), options)?;
     let plan = Plan::new((&scene, &camera), (scene_file, camera_file), &options, folder);
     let plan = plan.map_err(|error| told(error, &names))?;

@@ -22,6 +22,7 @@ use crate::report::Imported;
 use crate::response::TileResponse;
 use crate::stack::{Manifest, StackWriter};
 use crate::sunlayers::CasterLayers;
+use crate::viewpoint::check_shape;
 use rayon::prelude::*;
 use relume_firmware::field::{CameraRecord, Header};
 use relume_firmware::patches::PatchSet;
@@ -87,6 +88,9 @@ pub fn import(mut source: Source, options: &ImportOptions) -> Result<Baked, Impo
     source.side = options.side.unwrap_or(source.side);
     let lights = Lights::of(&source)?;
     let sheet = Sheet::of(&source, options.shrink)?;
+    if let Some(camera) = &options.camera {
+        check_shape(camera, (sheet.size.0 as u32, sheet.size.1 as u32)).map_err(BakeError::from)?;
+    }
     let test_light = test_light(&lights.set, sheet.coverage.len(), &options.test_maps)?;
     let read = read_all(&source, &lights, &sheet, options)?;
     let (prior, whites) = brightness(Prior::for_set(&lights.set), &read.samples);
@@ -316,7 +320,7 @@ impl Work {
 
 fn header(source: &Source, patches: PatchSet, size: (usize, usize), options: &ImportOptions) -> Header {
     let camera = match &options.camera {
-        Some(camera) => camera.record(),
+        Some(camera) => camera.record((size.0 as u32, size.1 as u32)),
         // A stand-in: nothing of the picture comes from it.
         None => CameraRecord {
             position: [0.0, 0.0, 1.0],
@@ -324,6 +328,7 @@ fn header(source: &Source, patches: PatchSet, size: (usize, usize), options: &Im
             up: [0.0, 1.0, 0.0],
             fov_y_deg: 45.0,
             north_deg: source.north_deg as f32,
+            lens: None,
         },
     };
     Header {

@@ -62,7 +62,7 @@ fn cube(albedo: f32) -> Scene {
 }
 
 pub(crate) fn camera(position: [f64; 3], target: [f64; 3], fov_y_deg: f64) -> Camera {
-    Camera { position, target, up: [0.0, 1.0, 0.0], fov_y_deg, north_deg: 0.0 }
+    Camera { position, target, up: [0.0, 1.0, 0.0], fov_y_deg, north_deg: 0.0, optics: None }
 }
 
 /// Looks at the origin from above, so narrowly that all pixels see the same point.

@@ -10,7 +10,7 @@ use relume_firmware::sunlight::SunLight;
 
 use super::*;
 use crate::bake::{BakeOptions, bake};
-use crate::camera::Camera;
+use crate::camera::{Camera, Optics, Projection};
 use crate::response::TransportOptions;
 use crate::response::tests::{SIZE, corner, floor, into_the_corner, near, options, quads, spot};
 use crate::scene::Scene;
@@ -82,6 +82,27 @@ fn the_shadow_of_an_edge_is_as_soft_as_the_disc_is_wide() {
         let want = 0.5 / PI * seen;
         let got = [traced, live].map(|way| mean(&way(&scene, &camera, options(1), Vec3::Y)));
         assert!(got.iter().all(|got| (got - want).abs() < 0.015 * 0.5 / PI), "{share}: {got:?} instead of {want}");
+    }
+}
+
+/// Stripes of shadow under a wide lens: the board looks through it at the points that the bake looks at.
+#[test]
+fn shadows_lie_alike_behind_a_lens() {
+    let stripe = |k: f32| [[k, 9.0], [k + 0.4, 9.0], [k + 0.4, -9.0], [k, -9.0]].map(|[x, z]| Vec3::new(x, 2.5, z));
+    let stripes = (-8..8).map(|k| (stripe(k as f32), 0.5));
+    let scene = quads(&std::iter::once((floor(90.0, 0.0), 0.6)).chain(stripes).collect::<Vec<_>>());
+    let lens = |projection, focal_px, k1| {
+        let ideal = Optics::ideal(projection, [32, 32], focal_px);
+        Optics { principal_px: [16.9, 15.2], k: [k1, 0.0, 0.0, 0.0], ..ideal }
+    };
+    for optics in [lens(Projection::KannalaBrandt, 18.0, 0.02), lens(Projection::Radial, 24.0, -0.1)] {
+        let camera = Camera { position: [0.3, 1.5, 0.2], optics: Some(optics), ..spot() };
+        let [a, b] = [traced, live].map(|way| way(&scene, &camera, options(1), towards(70.0)));
+        let lit = a.iter().filter(|&&v| v > 0.9 * 0.6 / PI * 70f32.to_radians().sin()).count();
+        assert!((64..220).contains(&lit), "{lit} of 256 pixels in full sun");
+        let off = apart(&b, &a);
+        eprintln!("live and path-traced differ by {off}");
+        assert!(off < 0.02, "{optics:?}: live and path-traced differ by {off}");
     }
 }
 

@@ -22,7 +22,8 @@ pub(super) fn paint(sky: &SkyModel, camera: &Camera, (width, height): (u32, u32)
     let view = camera.view(width, height);
     let pixel = |index: u32| {
         let (x, y) = (index % width, index / width);
-        let direction = view.direction(x as f32 + 0.5, y as f32 + 0.5).to_array();
+        let Some(direction) = view.direction(x as f32 + 0.5, y as f32 + 0.5) else { return 0 };
+        let direction = direction.to_array();
         let radiance = if direction[1] >= 0.0 { sky.radiance(direction) } else { sea(sky, direction) };
         let code = |channel: usize| {
             // Half a code of noise: a clear sky changes too slowly for 8 bits.
@@ -41,9 +42,9 @@ pub(super) fn most_exposure(sky: &SkyModel, camera: &Camera, (width, height): (u
     let view = camera.view(width, height);
     let direction = |index: u32| {
         let (x, y) = (index % 24 * width / 24, index / 24 * height / 16);
-        view.direction(x as f32, y as f32).to_array()
+        Some(view.direction(x as f32, y as f32)?.to_array())
     };
-    let above = (0..24 * 16).map(direction).filter(|direction| direction[1] > 0.0);
+    let above = (0..24 * 16).filter_map(direction).filter(|direction| direction[1] > 0.0);
     let mut values: Vec<f32> = above.map(|direction| luminance(sky.radiance(direction))).collect();
     values.sort_by(f32::total_cmp);
     let bright = values.get(values.len() * 3 / 4).copied().unwrap_or(0.0);
@@ -86,7 +87,7 @@ mod tests {
         let sun = SunPosition { azimuth_deg: 180.0, altitude_deg: 45.0 };
         let sky = SkyModel::new(Atmosphere::default(), sun, 0.0, 0.0);
         let (position, target) = ([0.0, 3.0, 0.0], [0.0, 3.0, -10.0]);
-        let camera = Camera { position, target, up: [0.0, 1.0, 0.0], fov_y_deg: 60.0, north_deg: 0.0 };
+        let camera = Camera { position, target, up: [0.0, 1.0, 0.0], fov_y_deg: 60.0, north_deg: 0.0, optics: None };
         let pixels = paint(&sky, &camera, (8, 32), [0.008; 3]);
         let [_, red, _, blue] = pixels[3].to_be_bytes();
         assert!(blue > red + 20, "{red} {blue}");

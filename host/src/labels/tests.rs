@@ -25,6 +25,7 @@ const CAMERA: CameraRecord = CameraRecord {
     up: [0.0, 1.0, 0.0],
     fov_y_deg: 45.0,
     north_deg: 0.0,
+    lens: None,
 };
 
 #[test]

@@ -18,7 +18,7 @@ pub fn folder() -> &'static Path {
         put(&folder.join("scene.glb"), glb(&courtyard(), Some(Picture::Inside(&checks_png()))));
         let scene = scene::load(&folder.join("scene.glb"), scene::Shading::Lambert).unwrap().scene;
         let (position, target) = ([2.5, 2.6, 6.5], [-0.4, 0.8, 0.0]);
-        let camera = Camera { position, target, up: [0.0, 1.0, 0.0], fov_y_deg: 45.0, north_deg: 12.5 };
+        let camera = Camera { position, target, up: [0.0, 1.0, 0.0], fov_y_deg: 45.0, north_deg: 12.5, optics: None };
         let options = BakeOptions { size: (70, 50), directions: 32, progress: false, ..BakeOptions::default() };
         put(&folder.join("a.field"), bake(&scene, &camera, &options).unwrap().bytes);
         folder
