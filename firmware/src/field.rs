@@ -35,6 +35,7 @@
 //!   BPNT BTIL BNCE        indirect sunlight: points where the sun is looked for, and what tiles receive (bounce.rs)
 //!   BNDB BNDT             constants of the error bound (bound.rs); may be left out
 //!   DIRS                  directions of the patches, where they are listed (patches/listed.rs)
+//!   CUTS                  how the sky is cut, where a scene asks for its own patches (patches/subdivided.rs)
 //!   WAYT WAYD             rows of single patches, read only where the factors do not do (wayback.rs); may be left out
 //!   META                  UTF-8 JSON about the bake, for people
 //!
@@ -84,9 +85,9 @@ pub const MAX_LAYERS: u32 = 256;
 pub type LayerKind = [u8; 4];
 
 /// Kinds that this version reads.
-pub const KNOWN_LAYERS: [LayerKind; 20] = [
+pub const KNOWN_LAYERS: [LayerKind; 21] = [
     *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"CAST", *b"CBVH", *b"FRGT", *b"FRAG", *b"BPNT", *b"BTIL",
-    *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD", *b"DIRS", *b"GLST", *b"GLSS",
+    *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD", *b"DIRS", *b"GLST", *b"GLSS", *b"CUTS",
 ];
 
 /// What is wrong with a field; each message says what to do.
@@ -327,7 +328,7 @@ fn check_header(bytes: &[u8]) -> Result<Header, FieldError> {
     for layer in layer_table(bytes).chunks_exact(LAYER_ENTRY).map(Layer::decode) {
         check_layer(bytes, &layer)?;
     }
-    Header::decode(bytes, find_layer(bytes, *b"DIRS"))
+    Header::decode(bytes, find_layer(bytes, *b"DIRS"), find_layer(bytes, *b"CUTS"))
 }
 
 fn check_layer(bytes: &[u8], layer: &Layer) -> Result<(), FieldError> {

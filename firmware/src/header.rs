@@ -1,7 +1,7 @@
 //! The field file's header and layer table as numbers (layout: field.rs).
 
 use crate::field::{FieldError, HEADER, LAYER_ENTRY, LayerKind, MAGIC, MAX_EDGE, VERSION};
-use crate::patches::{Listed, PatchSet};
+use crate::patches::{Listed, PatchSet, Subdivided};
 
 /// The viewpoint a field was baked for (the camera file's values).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,8 +115,8 @@ impl Header {
         out
     }
 
-    /// `directions` is the layer DIRS, if there is one.
-    pub(crate) fn decode(b: &[u8], directions: Option<&[u8]>) -> Result<Self, FieldError> {
+    /// `directions` is the layer DIRS, `cuts` the layer CUTS, if there are these.
+    pub(crate) fn decode(b: &[u8], directions: Option<&[u8]>, cuts: Option<&[u8]>) -> Result<Self, FieldError> {
         let (width, height) = (u32_at(b, 24), u32_at(b, 28));
         if width == 0 || height == 0 || width > MAX_EDGE || height > MAX_EDGE {
             return Err(FieldError::Invalid("picture size"));
@@ -125,9 +125,15 @@ impl Header {
             return Err(FieldError::Invalid("tile size"));
         }
         let counts = [u16_at(b, 40), u16_at(b, 42)].map(usize::from);
-        let patches = match directions {
-            Some(layer) => PatchSet::of_list(Listed::decode(layer).ok_or(FieldError::Invalid("list of directions"))?),
-            None => PatchSet::of_counts(counts[0], counts[1]).map_err(FieldError::Patches)?,
+        let patches = match (directions, cuts) {
+            (Some(list), None) => {
+                PatchSet::of_list(Listed::decode(list).ok_or(FieldError::Invalid("list of directions"))?)
+            }
+            (None, Some(cuts)) => {
+                PatchSet::of_subdivided(Subdivided::decode(cuts).ok_or(FieldError::Invalid("cuts of the sky"))?)
+            }
+            (None, None) => PatchSet::of_counts(counts[0], counts[1]).map_err(FieldError::Patches)?,
+            (Some(_), Some(_)) => return Err(FieldError::Invalid("patches, which are listed and cut both")),
         };
         if counts != [patches.upper(), patches.lower()] || patches.id() != u32_at(b, 36) {
             return Err(FieldError::PatchSet { found: u32_at(b, 36), expected: patches.id() });
