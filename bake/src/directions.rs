@@ -103,7 +103,7 @@ impl Pilot {
     /// Second moments of response and light inside each zonal cell that is cut.
     fn moments(&self, scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Vec<Moments>, BakeError> {
         let own = options.transport;
-        let sampling = TransportOptions { direct_classes: 1, paths: 4, patch_group: 16, ..own };
+        let sampling = TransportOptions { direct_classes: 1, paths: 2, patch_group: 32, ..own };
         let transport = Transport::new(scene, camera, self.set, options.size, sampling)?;
         let pixels = pilot_pixels(options.size);
         let chunks: Vec<Vec<Vec<f64>>> =

@@ -72,7 +72,7 @@ fn told(boxes: &Boxes, cuts: &mut impl Iterator<Item = Cut>, rectangle: [Stretch
 #[test]
 fn no_cuts_of_as_many_patches_are_better() {
     let mut random = Random::new(5);
-    let whole = [Stretch(1), Stretch(1)];
+    let (whole, mut corners) = ([Stretch(1), Stretch(1)], 0);
     for round in 0..20 {
         // Cuts in height need a cut in azimuth before them in every other round.
         let cells = [0, 1].map(|_| {
@@ -94,14 +94,16 @@ fn no_cuts_of_as_many_patches_are_better() {
                 least[from] + share * (least[to] - least[from])
             };
             let corner = (2..patches).all(|from| (patches + 1..=16).all(|to| least[patches] < line(from, to)));
-            let most = if corner { 1.0 + 1e-9 } else { 1.3 };
-            assert!(error <= most * least[patches] + 1e-12, "{round} {patches}: {error}, best {}", least[patches]);
+            // Between two prices' numbers of patches one more cut is the best single one only.
+            assert!(!corner || error <= (1.0 + 1e-9) * least[patches] + 1e-12, "{round} {patches}: {error}");
+            corners += usize::from(corner);
         }
     }
+    assert!(corners > 100, "{corners}");
 }
 
 fn fitted(scene: &Scene, camera: &Camera, directions: usize) -> PatchSet {
-    let options = BakeOptions { size: (64, 48), directions, ..BakeOptions::default() };
+    let options = BakeOptions { size: (28, 20), directions, ..BakeOptions::default() };
     PatchSet::of_subdivided(fit(scene, camera, &options).unwrap())
 }
 
@@ -150,7 +152,7 @@ fn the_same_patches_on_any_number_of_threads() {
     let scene = crate::response::tests::corner(0.7);
     let camera = crate::response::tests::into_the_corner();
     let on = |threads: usize, directions: usize, sphere: bool| {
-        let options = BakeOptions { size: (40, 30), directions, sphere, ..BakeOptions::default() };
+        let options = BakeOptions { size: (12, 9), directions, sphere, ..BakeOptions::default() };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| fit(&scene, &camera, &options).unwrap())
     };

@@ -38,26 +38,43 @@ pub(super) fn best_cuts(cells: &[Boxes], patches: usize) -> Vec<Cut> {
     cuts
 }
 
-/// Cuts the patch whose best cut gains most, the larger one of two that gain alike; `false` where none can be cut.
+/// A cut that could be made.
+struct Candidate {
+    cell: usize,
+    rectangle: [Stretch; 2],
+    cut: Cut,
+    gain: f64,
+}
+
+impl Candidate {
+    fn cuts_before(&self) -> u8 {
+        self.rectangle[0].cuts() + self.rectangle[1].cuts()
+    }
+
+    /// Gains it more, or the same for a larger patch?
+    fn is_better_than(&self, other: &Candidate) -> bool {
+        self.gain > other.gain || (self.gain == other.gain && self.cuts_before() < other.cuts_before())
+    }
+}
+
+/// Cuts the patch whose cut gains most; `false` where none can be cut.
 fn cut_one_more(plans: &mut [Plan<'_>]) -> bool {
-    let mut best: Option<((f64, std::cmp::Reverse<u8>), usize, [Stretch; 2], Cut)> = None;
-    for (number, plan) in plans.iter().enumerate() {
-        plan.visit(WHOLE, &mut |rectangle, cut| {
-            if cut != Cut::Patch {
-                return;
-            }
-            for axis in 0..2 {
-                let Some(halves) = plan.boxes.halves(rectangle, axis) else { continue };
-                let gain = plan.boxes.error(rectangle) - halves.map(|half| plan.boxes.error(half)).iter().sum::<f64>();
-                let rank = (gain, std::cmp::Reverse(rectangle[0].cuts() + rectangle[1].cuts()));
-                if best.is_none_or(|(other, ..)| rank.0 > other.0 || (rank.0 == other.0 && rank.1 > other.1)) {
-                    best = Some((rank, number, rectangle, [Cut::Height, Cut::Azimuth][axis]));
+    let mut best: Option<Candidate> = None;
+    for (cell, plan) in plans.iter().enumerate() {
+        plan.visit(WHOLE, &mut |rectangle, becomes| {
+            let cuts = [Cut::Height, Cut::Azimuth].into_iter().filter(|_| becomes == Cut::Patch);
+            for cut in cuts {
+                let Some(halves) = plan.halves(rectangle, cut) else { continue };
+                let after: f64 = halves.iter().map(|&half| plan.boxes.error(half)).sum();
+                let found = Candidate { cell, rectangle, cut, gain: plan.boxes.error(rectangle) - after };
+                if best.as_ref().is_none_or(|best| found.is_better_than(best)) {
+                    best = Some(found);
                 }
             }
         });
     }
-    let Some((_, number, rectangle, cut)) = best else { return false };
-    let plan = &mut plans[number];
+    let Some(Candidate { cell, rectangle, cut, .. }) = best else { return false };
+    let plan = &mut plans[cell];
     plan.cut(rectangle, cut);
     // The halves are patches, whatever would be best of them at the price.
     plan.halves(rectangle, cut).into_iter().flatten().for_each(|half| plan.cut(half, Cut::Patch));

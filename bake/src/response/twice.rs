@@ -5,7 +5,7 @@ use super::Transport;
 use crate::strata::Rng;
 
 /// Tells the second random numbers from all others of the pixel.
-const SECOND: u32 = 0x5ec0_4d;
+const SECOND: u32 = 0x005e_c04d;
 
 impl Transport<'_> {
     /// Two responses of pixel (`x`, `y`), `[channel 3][patch]` each, premultiplied; `None` where nothing is seen.
