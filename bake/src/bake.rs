@@ -16,7 +16,7 @@ use crate::viewpoint::TransportError;
 use glam::Vec3;
 use relume_firmware::field::FieldError;
 use relume_firmware::glue::map::MapError;
-use relume_firmware::patches::{PatchError, PatchSet};
+use relume_firmware::patches::{PatchError, PatchSet, Subdivided};
 use relume_firmware::weights::WeightError;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -30,6 +30,8 @@ pub struct BakeOptions {
     pub directions: usize,
     /// Light comes from all around, as on a thing on a table.
     pub sphere: bool,
+    /// Patches cut to the scene ([`crate::directions::fit`]), instead of equal ones.
+    pub cuts: Option<Box<Subdivided>>,
     /// Sampling of the light transport.
     pub transport: TransportOptions,
     /// Relative error that the compression aims at.
@@ -58,7 +60,8 @@ impl BakeOptions {
     /// # Errors
     /// [`PatchError`]: too few directions, or too many.
     pub fn patch_set(&self) -> Result<PatchSet, PatchError> {
-        if self.sphere { PatchSet::sphere(self.directions) } else { PatchSet::new(self.directions) }
+        let equal = if self.sphere { PatchSet::sphere(self.directions)? } else { PatchSet::new(self.directions)? };
+        Ok(self.cuts.as_deref().map_or(equal, |cuts| PatchSet::of_subdivided(*cuts)))
     }
 }
 
@@ -77,6 +80,7 @@ impl Default for BakeOptions {
             size: (512, 384),
             directions: 256,
             sphere: false,
+            cuts: None,
             transport: TransportOptions::default(),
             error: crate::compress::Target::default().error,
             stack: None,

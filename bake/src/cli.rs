@@ -26,6 +26,7 @@ relume-bake: makes the field that a post relights.
       -o FIELD         the field file to write
       --directions N   patches of the upper hemisphere, 16 to 1024 (256)
       --sphere         these patches are of all directions alike: for a thing on a table, under the light of a room
+      --adaptive       patches of different sizes, as many in all: small where the scene answers the sky sharply
       --materials M    gltf: metallic-roughness and normal maps as glTF 2.0 defines them (the default), or
                        lambert: base colour alone
       --max-hits N     most surface hits of a light path, 0 for no limit (0)

@@ -40,8 +40,8 @@ const RECIPES: [Recipe; 8] = [
 
 /// Reflectance of the ground below the horizon.
 const GROUND: f64 = 0.2;
-/// Strata of a patch, per side.
-const STRATA: usize = 4;
+/// Patches larger than this are looked at more often, sr.
+const LARGE_SR: f32 = 0.1;
 
 /// A captured map as a held-out sky, named as its file; its sun, if one stands out, is left out.
 ///
@@ -74,7 +74,9 @@ fn test_sky(set: &PatchSet, seed: u64, &(name, turbidity, sun_deg, cover): &Reci
     let means = |sky: &dyn Fn([f64; 3]) -> [f64; 3]| (0..set.upper()).map(|patch| mean(set, patch, sky)).collect();
     let mut upper: Vec<[f64; 3]> = means(&|dir| clear.radiance(dir));
     if cover > 0.0 {
-        let light = upper.iter().map(|&rgb| luminance(rgb)).sum::<f64>() / upper.len() as f64;
+        let omega = |patch: usize| f64::from(set.solid_angle_sr(patch));
+        let light = upper.iter().enumerate().map(|(patch, &rgb)| omega(patch) * luminance(rgb)).sum::<f64>();
+        let light = light / (0..upper.len()).map(omega).sum::<f64>();
         let clouds = Clouds::new(seed, cover, light);
         upper = means(&|dir| clouds.before(dir, &clear));
     }
@@ -85,15 +87,21 @@ fn test_sky(set: &PatchSet, seed: u64, &(name, turbidity, sun_deg, cover): &Reci
     TestSky { name: name.to_owned(), radiance: all.map(|rgb| rgb.map(|v| v as f32)).collect() }
 }
 
+/// Strata of a patch, per side.
+fn strata(set: &PatchSet, patch: usize) -> usize {
+    if set.solid_angle_sr(patch) > LARGE_SR { 8 } else { 4 }
+}
+
 /// Mean of a sky over a patch.
 fn mean(set: &PatchSet, patch: usize, sky: &dyn Fn([f64; 3]) -> [f64; 3]) -> [f64; 3] {
-    let at = |k: usize| (k as f32 + 0.5) / STRATA as f32;
+    let side = strata(set, patch);
+    let at = |k: usize| (k as f32 + 0.5) / side as f32;
     let mut sum = [0.0; 3];
-    for k in 0..STRATA * STRATA {
-        let [x, y, z] = set.sample(patch, [at(k / STRATA), at(k % STRATA)]).map(f64::from);
+    for k in 0..side * side {
+        let [x, y, z] = set.sample(patch, [at(k / side), at(k % side)]).map(f64::from);
         // A listed patch's cap may reach below the horizon.
         let rgb = sky([x, y.max(0.0), z]);
-        sum = std::array::from_fn(|c| sum[c] + rgb[c] / (STRATA * STRATA) as f64);
+        sum = std::array::from_fn(|c| sum[c] + rgb[c] / (side * side) as f64);
     }
     sum
 }

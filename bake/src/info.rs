@@ -22,6 +22,10 @@ pub struct Info {
     patch_set_id: String,
     patches_upper: usize,
     patches_lower: usize,
+    /// Smallest and largest of the patches above the horizon.
+    patch_solid_angles_sr: [f32; 2],
+    /// They are cut to the scene.
+    adaptive: bool,
     covered_pixels: usize,
     camera: CameraInfo,
     error_target: f32,
@@ -153,6 +157,7 @@ impl Info {
         let receivers = Receivers::of(field).ok().flatten().map(|receivers| ReceiverInfo::of(&receivers));
         let own_bytes = field.file_bytes() - receivers.map_or(0, |receivers| receivers.bytes.iter().sum());
         let per_pixel = |bytes: usize| bytes as f64 / covered.max(1) as f64;
+        let sizes = || (0..header.patches.upper()).map(|patch| header.patches.solid_angle_sr(patch));
         let kind = |kind: [u8; 4]| String::from_utf8_lossy(&kind).into_owned();
         Info {
             file: file.to_owned(),
@@ -163,6 +168,8 @@ impl Info {
             patch_set_id: format!("{:08x}", header.patches.id()),
             patches_upper: header.patches.upper(),
             patches_lower: header.patches.lower(),
+            patch_solid_angles_sr: [f32::min, f32::max].map(|pick| sizes().reduce(pick).unwrap_or_default()),
+            adaptive: header.patches.subdivided().is_some(),
             covered_pixels: covered,
             camera: CameraInfo { position, target, up, fov_y_deg, north_deg, lens },
             error_target: header.error_target,
@@ -201,7 +208,12 @@ impl fmt::Display for Info {
         let camera = &self.camera;
         writeln!(f, "{}: Relume field version {}, {} bytes, sound", self.file, self.version, self.file_bytes)?;
         writeln!(f, "picture   {} x {} px, {} covered", self.width, self.height, self.covered_pixels)?;
-        writeln!(f, "patches   {} + {} (set {})", self.patches_upper, self.patches_lower, self.patch_set_id)?;
+        write!(f, "patches   {} + {} (set {})", self.patches_upper, self.patches_lower, self.patch_set_id)?;
+        if self.adaptive {
+            let [least, most] = self.patch_solid_angles_sr;
+            write!(f, ", cut to the scene: {least:.4} to {most:.4} sr above the horizon")?;
+        }
+        writeln!(f)?;
         writeln!(
             f,
             "camera    at {:?} towards {:?}, {} degrees high, north {}",

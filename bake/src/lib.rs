@@ -12,6 +12,7 @@ pub mod cli;
 pub mod compress;
 pub mod cutout;
 pub mod demo_scene;
+pub mod directions;
 pub mod effort;
 pub mod encode;
 pub mod environment;

@@ -6,6 +6,8 @@ use crate::job::block_count;
 use crate::jobs::all_blocks;
 use crate::response::TransportOptions;
 use crate::scene::{Scene, Shading};
+use relume_firmware::glue::cuts;
+use relume_firmware::patches::Subdivided;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -58,6 +60,9 @@ pub struct Plan {
     pub directions: usize,
     /// Of all directions alike.
     pub sphere: bool,
+    /// Patches cut to the scene, if they are ([`cuts::to_text`]).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cuts: Option<String>,
     /// Relative error that the compression aims at.
     pub error: f64,
     /// Latitude and longitude of the site, degrees.
@@ -93,6 +98,7 @@ impl Plan {
             size: options.size.into(),
             directions: options.directions,
             sphere: options.sphere,
+            cuts: options.cuts.as_deref().map(cuts::to_text),
             error: options.error,
             site: options.site,
             test_skies: options.test_maps.iter().map(|map| seen_from(folder, map)).collect(),
@@ -122,6 +128,10 @@ impl Plan {
             let fault = format!("tiles = {} is not what its size has", plan.tiles);
             return Err(PlanError::Parse { file: file.to_owned(), fault });
         }
+        if plan.cuts.is_some() && plan.parsed_cuts().is_none() {
+            let fault = "cuts = is not what plan --adaptive writes".to_owned();
+            return Err(PlanError::Parse { file: file.to_owned(), fault });
+        }
         let folder = file.parent().unwrap_or(Path::new(""));
         let from_folder = |path: &mut PathBuf| *path = folder.join(&*path);
         plan.camera.iter_mut().chain(&mut plan.test_skies).for_each(from_folder);
@@ -132,12 +142,17 @@ impl Plan {
         Ok(plan)
     }
 
+    fn parsed_cuts(&self) -> Option<Box<Subdivided>> {
+        self.cuts.as_deref().and_then(cuts::of_text).map(Box::new)
+    }
+
     /// The options of its bake.
     pub fn options(&self) -> BakeOptions {
         BakeOptions {
             size: self.size.into(),
             directions: self.directions,
             sphere: self.sphere,
+            cuts: self.parsed_cuts(),
             transport: self.transport,
             error: self.error,
             site: self.site,
@@ -180,6 +195,7 @@ pub fn identity(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result
     let _ = write!(sum, "{} {camera:?}", env!("CARGO_PKG_VERSION"));
     let _ = write!(sum, "{:?} {} {} {:?}", options.size, options.directions, options.sphere, options.transport);
     let _ = write!(sum, "{} {:?}", options.error, options.site);
+    options.cuts.iter().for_each(|cuts| sum.0.update(cuts.layer()));
     let _ = write!(sum, "{:?} {:?}", scene.triangles, scene.materials);
     let _ = write!(sum, "{:?} {:?} {:?}", scene.shading, scene.details, scene.roles);
     scene.normal_maps.iter().for_each(|map| map.checksum(&mut sum.0));

@@ -14,6 +14,7 @@ mod around;
 mod cie;
 mod clouds;
 mod random;
+pub(crate) mod within;
 
 use cie::SmoothSky;
 use clouds::{Clouds, Skyline};
@@ -79,11 +80,13 @@ impl Prior {
     /// The prior of skies with its mixture spelled out.
     pub fn of_mixture(set: &PatchSet, mixture: &Mixture) -> Prior {
         let skies = draw_skies(set, mixture);
-        // The partition maps onto itself when mirrored at azimuth 0.
-        let mirrored = mirror(set);
         let mut moment = moment_of(set.len(), &skies);
-        moment =
-            DMatrix::from_fn(set.len(), set.len(), |i, j| 0.5 * (moment[(i, j)] + moment[(mirrored[i], mirrored[j])]));
+        // A zonal partition maps onto itself when mirrored at azimuth 0; one that is cut to a scene does not.
+        if set.subdivided().is_none() {
+            let mirrored = mirror(set);
+            let both = |i, j| 0.5 * (moment[(i, j)] + moment[(mirrored[i], mirrored[j])]);
+            moment = DMatrix::from_fn(set.len(), set.len(), both);
+        }
         let mut total = 0.0;
         let lows = low_orders(set);
         for low in &lows {
@@ -204,15 +207,29 @@ fn mirror(set: &PatchSet) -> Vec<usize> {
     (0..set.len()).map(at).collect()
 }
 
-/// Directions inside each patch, 2x2 strata.
-fn patch_samples(set: &PatchSet) -> Vec<[[f64; 3]; 4]> {
-    let at = |patch: usize, k: usize| {
-        let u = [((k / 2) as f32 + 0.5) / 2.0, ((k % 2) as f32 + 0.5) / 2.0];
-        let [x, y, z] = set.sample(patch, u).map(f64::from);
+/// Patches larger than this are looked at in 4x4 directions, others in 2x2, sr.
+const LARGE_SR: f32 = 0.1;
+
+/// Directions inside each patch above the horizon, stratified.
+fn patch_samples(set: &PatchSet) -> Vec<Vec<[f64; 3]>> {
+    let of_patch = |patch: usize| {
+        let side = if set.solid_angle_sr(patch) > LARGE_SR { 4 } else { 2 };
+        let at = |k: usize| (k as f32 + 0.5) / side as f32;
+        let dirs = (0..side * side).map(|k| set.sample(patch, [at(k / side), at(k % side)]).map(f64::from));
         // A listed patch's cap may reach below the horizon.
-        [x, y.max(0.0), z]
+        dirs.map(|[x, y, z]| [x, y.max(0.0), z]).collect()
     };
-    (0..set.upper()).map(|patch| std::array::from_fn(|k| at(patch, k))).collect()
+    (0..set.upper()).map(of_patch).collect()
+}
+
+/// Mean radiance of the patches above the horizon.
+fn mean_above(set: &PatchSet, upper: &[f64]) -> f64 {
+    let (mut sum, mut all) = (0.0, 0.0);
+    for (patch, radiance) in upper.iter().enumerate() {
+        let omega = f64::from(set.solid_angle_sr(patch));
+        (sum, all) = (sum + omega * radiance, all + omega);
+    }
+    sum / f64::max(all, 1e-12)
 }
 
 /// Patch weights of random skies, each scaled to mean radiance 1 over the upper hemisphere.
@@ -229,14 +246,15 @@ pub(crate) fn draw_skies(set: &PatchSet, mixture: &Mixture) -> Vec<Vec<f64>> {
         .collect()
 }
 
-fn draw_sky(set: &PatchSet, samples: &[[[f64; 3]; 4]], sun: [f64; 2], random: &mut Random) -> Vec<f64> {
+fn draw_sky(set: &PatchSet, samples: &[Vec<[f64; 3]>], sun: [f64; 2], random: &mut Random) -> Vec<f64> {
     let sky = SmoothSky::draw(random, sun[0], sun[1]);
     let clouds = Clouds::draw(random);
     let skyline = Skyline::draw(random);
     let (clouded, skylined) = (random.unit() < 0.5, random.unit() < 0.5);
-    let over = |patch: &[[f64; 3]; 4], f: &dyn Fn([f64; 3]) -> f64| patch.iter().map(|&d| f(d)).sum::<f64>() / 4.0;
+    let over =
+        |patch: &[[f64; 3]], f: &dyn Fn([f64; 3]) -> f64| patch.iter().map(|&d| f(d)).sum::<f64>() / patch.len() as f64;
     let mut upper: Vec<f64> = samples.iter().map(|patch| over(patch, &|d| sky.radiance(d))).collect();
-    let mean = upper.iter().sum::<f64>() / upper.len() as f64;
+    let mean = mean_above(set, &upper);
     if clouded {
         upper = samples.iter().map(|patch| over(patch, &|d| clouds.radiance(&sky, d, mean))).collect();
     }
@@ -249,11 +267,10 @@ fn draw_sky(set: &PatchSet, samples: &[[[f64; 3]; 4]], sun: [f64; 2], random: &m
     let ground = irradiance(&upper) * sunlit / std::f64::consts::PI;
     if skylined {
         for (value, patch) in upper.iter_mut().zip(samples) {
-            *value =
-                patch.iter().map(|&d| skyline.reflectance(d).map_or(*value, |share| share * ground)).sum::<f64>() / 4.0;
+            *value = over(patch, &|d| skyline.reflectance(d).map_or(*value, |share| share * ground));
         }
     }
-    let mean = upper.iter().sum::<f64>() / upper.len() as f64;
+    let mean = mean_above(set, &upper);
     let albedo = random.between(0.03, 0.6);
     let spread = random.between(0.0, 0.6);
     let lower = (0..set.lower()).map(|_| albedo * ground * (spread * random.normal()).exp());

@@ -8,6 +8,8 @@
 //! all light comes by aimed rays, but for narrow reflection lobes. Aimed rays and paths that follow such a lobe find its
 //! light both, and share it by the power heuristic (gloss.rs).
 
+mod twice;
+
 use glam::Vec3A;
 use relume_firmware::patches::PatchSet;
 use relume_firmware::pixelpoints::{PIXEL_POINTS, pixel_point};

@@ -9,6 +9,7 @@ use std::sync::Mutex;
 
 use exr::prelude as exrs;
 use rayon::prelude::*;
+use relume_firmware::glue::cuts;
 use relume_firmware::patches::PatchSet;
 use serde::{Deserialize, Serialize};
 
@@ -126,6 +127,9 @@ pub struct Manifest {
     /// The side that the light comes from, of listed directions only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub horizon: Option<Horizon>,
+    /// How the sky is cut, of patches cut to a scene only ([`cuts::to_text`]).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cuts: Option<String>,
     /// In the order of the patch set.
     #[serde(rename = "patch")]
     pub patches: Vec<ManifestPatch>,
@@ -141,10 +145,12 @@ impl Manifest {
         };
         Manifest {
             version: MANIFEST_VERSION,
-            patch_set: match set.listed() {
-                Some(list) => format!("listed-{}", list.len()),
-                None => format!("leopardi-{}+{}", set.upper(), set.lower()),
+            patch_set: match (set.listed(), set.subdivided()) {
+                (Some(list), _) => format!("listed-{}", list.len()),
+                (_, Some(cells)) => format!("cuts-{}", cells.len()),
+                _ => format!("leopardi-{}+{}", set.upper(), set.lower()),
             },
+            cuts: set.subdivided().map(cuts::to_text),
             horizon: set.listed().map(|_| Horizon::of(set.horizon())),
             patch_set_id: set.id(),
             n_upper: set.upper(),

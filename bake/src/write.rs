@@ -170,6 +170,9 @@ impl FieldWriter {
         if let Some(list) = header.patches.listed() {
             layers.push((*b"DIRS", LAYER_CRITICAL, directions(list)));
         }
+        if let Some(cells) = header.patches.subdivided() {
+            layers.push((*b"CUTS", LAYER_CRITICAL, cells.layer().to_vec()));
+        }
         Draft::new(header, layers)
     }
 }

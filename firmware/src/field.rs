@@ -36,6 +36,7 @@
 //!   BNDB BNDT             constants of the error bound (bound.rs); may be left out
 //!   DIRS                  directions of the patches, where they are listed (patches/listed.rs)
 //!   LENS                  the lens of the view (lens.rs); left out by a pinhole's field
+//!   CUTS                  how the sky is cut, where a scene asks for its own patches (patches/subdivided.rs)
 //!   WAYT WAYD             rows of single patches, read only where the factors do not do (wayback.rs); may be left out
 //!   RCVW RCVO             receivers, each layer a field of its own (receivers.rs); left out where there are none
 //!   META                  UTF-8 JSON about the bake, for people
@@ -87,10 +88,10 @@ pub const MAX_LAYERS: u32 = 256;
 pub type LayerKind = [u8; 4];
 
 /// Kinds that this version reads.
-pub const KNOWN_LAYERS: [LayerKind; 23] = [
+pub const KNOWN_LAYERS: [LayerKind; 24] = [
     *b"TILE", *b"RESU", *b"RESV", *b"ROWS", *b"COVR", *b"CAST", *b"CBVH", *b"FRGT", *b"FRAG", *b"BPNT", *b"BTIL",
     *b"BNCE", *b"META", *b"BNDB", *b"BNDT", *b"WAYT", *b"WAYD", *b"DIRS", *b"GLST", *b"GLSS", *b"RCVW", *b"RCVO",
-    *b"LENS",
+    *b"LENS", *b"CUTS",
 ];
 
 /// What is wrong with a field; each message says what to do.
@@ -343,7 +344,8 @@ fn check_header(bytes: &[u8]) -> Result<Header, FieldError> {
     for layer in layer_table(bytes).chunks_exact(LAYER_ENTRY).map(Layer::decode) {
         check_layer(bytes, &layer)?;
     }
-    Header::decode(bytes, find_layer(bytes, *b"DIRS"), find_layer(bytes, *b"LENS"))
+    let layer = |kind| find_layer(bytes, kind);
+    Header::decode(bytes, [layer(*b"DIRS"), layer(*b"CUTS")], layer(*b"LENS"))
 }
 
 fn check_layer(bytes: &[u8], layer: &Layer) -> Result<(), FieldError> {

@@ -1,7 +1,8 @@
 //! What both command-line tools need beyond the core (feature `std`): exit codes, files that appear whole, radiance maps and
-//! the weights they become, least squares.
+//! the weights they become, cuts of the sky as text, least squares.
 
 mod cells;
+pub mod cuts;
 pub mod failure;
 pub mod least_squares;
 pub mod map;

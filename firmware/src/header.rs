@@ -2,7 +2,7 @@
 
 use crate::field::{FieldError, HEADER, LAYER_ENTRY, LayerKind, MAGIC, MAX_EDGE, VERSION};
 use crate::lens::Lens;
-use crate::patches::{Listed, PatchSet};
+use crate::patches::{Listed, PatchSet, Subdivided};
 
 /// The viewpoint a field was baked for (the camera file's values).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -118,8 +118,12 @@ impl Header {
         out
     }
 
-    /// `directions` and `lens` are the layers DIRS and LENS, where there are such.
-    pub(crate) fn decode(b: &[u8], directions: Option<&[u8]>, lens: Option<&[u8]>) -> Result<Self, FieldError> {
+    /// `directions`, `cuts` and `lens` are the layers DIRS, CUTS and LENS, where there are such.
+    pub(crate) fn decode(
+        b: &[u8],
+        [directions, cuts]: [Option<&[u8]>; 2],
+        lens: Option<&[u8]>,
+    ) -> Result<Self, FieldError> {
         let (width, height) = (u32_at(b, 24), u32_at(b, 28));
         if width == 0 || height == 0 || width > MAX_EDGE || height > MAX_EDGE {
             return Err(FieldError::Invalid("picture size"));
@@ -128,9 +132,15 @@ impl Header {
             return Err(FieldError::Invalid("tile size"));
         }
         let counts = [u16_at(b, 40), u16_at(b, 42)].map(usize::from);
-        let patches = match directions {
-            Some(layer) => PatchSet::of_list(Listed::decode(layer).ok_or(FieldError::Invalid("list of directions"))?),
-            None => PatchSet::of_counts(counts[0], counts[1]).map_err(FieldError::Patches)?,
+        let patches = match (directions, cuts) {
+            (Some(list), None) => {
+                PatchSet::of_list(Listed::decode(list).ok_or(FieldError::Invalid("list of directions"))?)
+            }
+            (None, Some(cuts)) => {
+                PatchSet::of_subdivided(Subdivided::decode(cuts).ok_or(FieldError::Invalid("cuts of the sky"))?)
+            }
+            (None, None) => PatchSet::of_counts(counts[0], counts[1]).map_err(FieldError::Patches)?,
+            (Some(_), Some(_)) => return Err(FieldError::Invalid("patches, which are listed and cut both")),
         };
         if counts != [patches.upper(), patches.lower()] || patches.id() != u32_at(b, 36) {
             return Err(FieldError::PatchSet { found: u32_at(b, 36), expected: patches.id() });

@@ -8,14 +8,19 @@
 //!
 //! Order: upper patches from the zenith down, each ring by rising `atan2(z, x)`; then the lower patches from the nadir up.
 //!
-//! Pictures that others made stand for directions of their own: such a set lists them (listed.rs).
+//! Cells may be cut on where a scene needs it (subdivided.rs). Pictures that others made stand for directions of their own:
+//! such a set lists them (listed.rs).
 
 mod listed;
 mod spread;
+mod subdivided;
+mod zonal;
 
-use core::f64::consts::{FRAC_PI_2, PI, TAU};
+use core::f64::consts::TAU;
 pub use listed::{DIRECTION_ENTRY, DIRECTIONS_HEAD, ListError, Listed, ListedPatch};
 pub use spread::{Share, add_sun, spread};
+pub use subdivided::{Cut, CutError, MAX_CUTS, Subdivided};
+use zonal::{Cell, Hemisphere};
 
 /// Most patches of the upper hemisphere that a set may have.
 pub const MAX_UPPER: usize = 1024;
@@ -23,8 +28,6 @@ pub const MAX_UPPER: usize = 1024;
 pub const MAX_PATCHES: usize = MAX_UPPER + MAX_UPPER / 16;
 /// Fewest patches of the upper hemisphere.
 pub const MIN_UPPER: usize = 16;
-
-const MAX_RINGS: usize = 40;
 
 /// Why a patch set could not be made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,82 +48,6 @@ impl core::fmt::Display for PatchError {
 
 impl core::error::Error for PatchError {}
 
-/// One hemisphere cut into rings of equal cells. Heights are `|y|`, from 1 (pole) down to 0 (horizon).
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Hemisphere {
-    cells: usize,
-    rings: usize,
-    /// Cells before ring `r`; `first[rings]` is `cells`.
-    first: [u16; MAX_RINGS + 1],
-}
-
-/// A cell as its bounds: height `|y|` in `y_low..y_high`, azimuth in `azimuth..azimuth + span` (radians).
-#[derive(Clone, Copy, Debug)]
-struct Cell {
-    y_low: f64,
-    y_high: f64,
-    azimuth: f64,
-    span: f64,
-}
-
-impl Hemisphere {
-    fn new(cells: usize) -> Self {
-        let mut first = [0u16; MAX_RINGS + 1];
-        let cell_area = TAU / cells as f64;
-        let cap = libm::acos(1.0 - 1.0 / cells as f64);
-        first[1] = 1;
-        let mut rings = 1;
-        if cells > 1 {
-            let collars = libm::round((FRAC_PI_2 - cap) / libm::sqrt(cell_area)).max(1.0) as usize;
-            let collars = collars.min(MAX_RINGS - 1).min(cells - 1);
-            let step = (FRAC_PI_2 - cap) / collars as f64;
-            // Leopardi, section 3.3: round each collar's ideal count and carry the remainder on.
-            let mut carry = 0.0;
-            let mut used = 1usize;
-            for collar in 0..collars {
-                let top = cap + step * collar as f64;
-                let ideal = cells as f64 * (libm::cos(top) - libm::cos(top + step)) + carry;
-                let left = cells - used;
-                let after = collars - collar - 1;
-                let count = if after == 0 { left } else { (libm::round(ideal).max(1.0) as usize).min(left - after) };
-                carry = ideal - count as f64;
-                used += count;
-                rings += 1;
-                first[rings] = used as u16;
-            }
-        }
-        Hemisphere { cells, rings, first }
-    }
-
-    fn ring_of(&self, cell: usize) -> usize {
-        let mut ring = 0;
-        while ring + 1 < self.rings && usize::from(self.first[ring + 1]) <= cell {
-            ring += 1;
-        }
-        ring
-    }
-
-    fn cell(&self, cell: usize) -> Cell {
-        let ring = self.ring_of(cell);
-        let (from, to) = (usize::from(self.first[ring]), usize::from(self.first[ring + 1]));
-        let span = TAU / (to - from) as f64;
-        Cell {
-            y_low: 1.0 - to as f64 / self.cells as f64,
-            y_high: 1.0 - from as f64 / self.cells as f64,
-            azimuth: span * (cell - from) as f64,
-            span,
-        }
-    }
-
-    fn cell_at(&self, height: f64, azimuth: f64) -> usize {
-        let rank = ((1.0 - height) * self.cells as f64).clamp(0.0, self.cells as f64 - 0.5) as usize;
-        let ring = self.ring_of(rank);
-        let (from, to) = (usize::from(self.first[ring]), usize::from(self.first[ring + 1]));
-        let turn = if azimuth < 0.0 { azimuth / TAU + 1.0 } else { azimuth / TAU };
-        from + ((turn * (to - from) as f64) as usize).min(to - from - 1)
-    }
-}
-
 /// The direction cells of a sky basis; see the module's text.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PatchSet(Cells);
@@ -131,6 +58,7 @@ pub struct PatchSet(Cells);
 enum Cells {
     Zonal { upper: Hemisphere, lower: Hemisphere },
     Listed(Listed),
+    Subdivided(Subdivided),
 }
 
 impl PatchSet {
@@ -175,7 +103,20 @@ impl PatchSet {
     pub fn listed(&self) -> Option<&Listed> {
         match &self.0 {
             Cells::Listed(list) => Some(list),
-            Cells::Zonal { .. } => None,
+            Cells::Zonal { .. } | Cells::Subdivided(_) => None,
+        }
+    }
+
+    /// A set of cells cut on.
+    pub const fn of_subdivided(cells: Subdivided) -> Self {
+        PatchSet(Cells::Subdivided(cells))
+    }
+
+    /// The cells cut on, if the set is one of these.
+    pub fn subdivided(&self) -> Option<&Subdivided> {
+        match &self.0 {
+            Cells::Subdivided(cells) => Some(cells),
+            Cells::Zonal { .. } | Cells::Listed(_) => None,
         }
     }
 
@@ -190,6 +131,7 @@ impl PatchSet {
         match &self.0 {
             Cells::Zonal { upper, .. } => upper.cells,
             Cells::Listed(list) => list.upper(),
+            Cells::Subdivided(cells) => cells.upper(),
         }
     }
 
@@ -198,14 +140,17 @@ impl PatchSet {
         match &self.0 {
             Cells::Zonal { lower, .. } => lower.cells,
             Cells::Listed(list) => list.len() - list.upper(),
+            Cells::Subdivided(cells) => cells.len() - cells.upper(),
         }
     }
 
-    /// Identifies construction and counts: FNV-1a over `"leopardi-1"` and the two counts as u16, little-endian; of a list
-    /// [`Listed::id`].
+    /// Identifies construction and counts: FNV-1a over `"leopardi-1"` and the two counts as u16, little-endian; over the layer
+    /// of a list or of cells cut on.
     pub fn id(&self) -> u32 {
-        if let Cells::Listed(list) = &self.0 {
-            return list.id();
+        match &self.0 {
+            Cells::Listed(list) => return list.id(),
+            Cells::Subdivided(cells) => return cells.id(),
+            Cells::Zonal { .. } => {}
         }
         let counts = [(self.upper() as u16).to_le_bytes(), (self.lower() as u16).to_le_bytes()];
         fnv(b"leopardi-1".iter().chain(counts.iter().flatten()).copied())
@@ -217,6 +162,7 @@ impl PatchSet {
         match &self.0 {
             Cells::Zonal { upper, lower } => (lower.cells <= upper.cells / 16).then_some([0.0, 1.0, 0.0]),
             Cells::Listed(list) => list.horizon(),
+            Cells::Subdivided(cells) => (!cells.is_sphere()).then_some([0.0, 1.0, 0.0]),
         }
     }
 
@@ -228,71 +174,47 @@ impl PatchSet {
                 (TAU / cells as f64) as f32
             }
             Cells::Listed(list) => list.patch(patch).solid_angle_sr,
+            Cells::Subdivided(cells) => cells.solid_angle_sr(patch),
         }
     }
 
     /// Unit direction towards the patch's centroid (normalised mean of its directions), or the listed one.
     pub fn dir_world(&self, patch: usize) -> [f32; 3] {
-        match &self.0 {
-            Cells::Zonal { upper, lower } => {
-                let (cell, sign) = cell_of(upper, lower, patch);
-                cell.centroid(sign)
-            }
-            Cells::Listed(list) => list.patch(patch).dir_world,
+        match self.cell(patch) {
+            Ok((cell, sign)) => cell.centroid(sign),
+            Err(list) => list.patch(patch).dir_world,
         }
     }
 
     /// A direction inside the patch for `u` in the unit square, uniform in solid angle; of a listed patch, inside a cap of
     /// its solid angle around its direction.
     pub fn sample(&self, patch: usize, u: [f32; 2]) -> [f32; 3] {
-        let (upper, lower) = match &self.0 {
-            Cells::Zonal { upper, lower } => (upper, lower),
-            Cells::Listed(list) => return list.patch(patch).sample(u),
-        };
-        let (cell, sign) = cell_of(upper, lower, patch);
-        let height = cell.y_low + (cell.y_high - cell.y_low) * f64::from(u[0]);
-        let azimuth = cell.azimuth + cell.span * f64::from(u[1]);
-        let radius = libm::sqrt((1.0 - height * height).max(0.0));
-        let (x, z) = (radius * libm::cos(azimuth), radius * libm::sin(azimuth));
-        [x as f32, (sign * height) as f32, z as f32]
+        match self.cell(patch) {
+            Ok((cell, sign)) => cell.sample(sign, u),
+            Err(list) => list.patch(patch).sample(u),
+        }
+    }
+
+    /// A patch's cell, and 1 above the horizon or -1 below; the list if there are no cells.
+    fn cell(&self, patch: usize) -> Result<(Cell, f64), &Listed> {
+        match &self.0 {
+            Cells::Zonal { upper, .. } if patch < upper.cells => Ok((upper.cell(patch), 1.0)),
+            Cells::Zonal { upper, lower } => Ok((lower.cell((patch - upper.cells).min(lower.cells - 1)), -1.0)),
+            Cells::Subdivided(cells) => Ok(cells.cell(patch)),
+            Cells::Listed(list) => Err(list),
+        }
     }
 
     /// The patch that a unit direction falls in; the horizon itself belongs to the upper hemisphere. Of a list, the nearest
     /// one ([`Listed::nearest`]), and the nearest of all behind a horizon that has none.
     pub fn patch_of(&self, dir_world: [f32; 3]) -> usize {
-        let (upper, lower) = match &self.0 {
-            Cells::Zonal { upper, lower } => (upper, lower),
-            Cells::Listed(list) => return list.nearest(dir_world).unwrap_or_else(|| list.nearest_of_all(dir_world)),
-        };
         let [x, y, z] = dir_world.map(f64::from);
-        let azimuth = libm::atan2(z, x);
-        if y >= 0.0 { upper.cell_at(y, azimuth) } else { upper.cells + lower.cell_at(-y, azimuth) }
-    }
-}
-
-/// A patch's cell, and 1 above the horizon or -1 below.
-fn cell_of(upper: &Hemisphere, lower: &Hemisphere, patch: usize) -> (Cell, f64) {
-    if patch < upper.cells {
-        (upper.cell(patch), 1.0)
-    } else {
-        (lower.cell((patch - upper.cells).min(lower.cells - 1)), -1.0)
-    }
-}
-
-impl Cell {
-    /// Normalised mean of the cell's directions; `sign` is that of `y`.
-    fn centroid(&self, sign: f64) -> [f32; 3] {
-        // Means over the cell, uniform in y and azimuth: integral of sqrt(1 - y^2), and sin(s/2)/(s/2).
-        let primitive = |y: f64| 0.5 * (y * libm::sqrt((1.0 - y * y).max(0.0)) + libm::asin(y));
-        let radius = (primitive(self.y_high) - primitive(self.y_low)) / (self.y_high - self.y_low);
-        let half = 0.5 * self.span;
-        let radius = radius * libm::sin(half) / half;
-        let radius = if half > PI - 1e-9 { 0.0 } else { radius };
-        let y = sign * 0.5 * (self.y_low + self.y_high);
-        let length = libm::sqrt(radius * radius + y * y);
-        let azimuth = self.azimuth + half;
-        let (x, z) = (radius * libm::cos(azimuth), radius * libm::sin(azimuth));
-        [(x / length) as f32, (y / length) as f32, (z / length) as f32]
+        match &self.0 {
+            Cells::Zonal { upper, .. } if y >= 0.0 => upper.cell_at(y, libm::atan2(z, x)),
+            Cells::Zonal { upper, lower } => upper.cells + lower.cell_at(-y, libm::atan2(z, x)),
+            Cells::Subdivided(cells) => cells.patch_of(y, libm::atan2(z, x)),
+            Cells::Listed(list) => list.nearest(dir_world).unwrap_or_else(|| list.nearest_of_all(dir_world)),
+        }
     }
 }
 

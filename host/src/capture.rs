@@ -352,8 +352,9 @@ impl Capture {
         let spot = &self.spot;
         let light = f64::from(luminance(spot.irradiance.map(|v| v as f32)));
         let upper = self.set.upper();
-        let sky = into.weights.radiance[..upper].iter().map(|&v| f64::from(luminance(v))).sum::<f64>() / upper as f64;
-        let is_little = |light: f64| light < MIN_IRRADIANCE_SHARE * std::f64::consts::PI * sky;
+        let of_patch = |at: usize| f64::from(luminance(into.weights.radiance[at]) * self.set.solid_angle_sr(at));
+        let sky = 0.5 * (0..upper).map(of_patch).sum::<f64>();
+        let is_little = |light: f64| light < MIN_IRRADIANCE_SHARE * sky;
         let stands_out = if spot.clipped {
             spot.brightest >= CLIPPED_CONTRAST * spot.ring
         } else {

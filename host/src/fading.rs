@@ -112,7 +112,8 @@ impl Fading {
             let dir = self.patches.dir_world(patch);
             let [l, c, o] =
                 [held.radiance[patch], model.clear(dir), model.overcast(dir)].map(|v| f64::from(luminance(v)));
-            (cc, co, oo, lc, lo) = (cc + c * c, co + c * o, oo + o * o, lc + l * c, lo + l * o);
+            let w = f64::from(self.patches.solid_angle_sr(patch));
+            (cc, co, oo, lc, lo) = (cc + w * c * c, co + w * c * o, oo + w * o * o, lc + w * l * c, lo + w * l * o);
         }
         let determinant = (cc * oo - co * co).max(1e-30);
         let parts = [(lc * oo - lo * co) / determinant, (lo * cc - lc * co) / determinant];
@@ -125,8 +126,9 @@ impl Fading {
         let (mut found, mut modelled) = ([0.0f32; 3], [0.0f32; 3]);
         for patch in 0..self.patches.upper() {
             let sky = sky(model, parts, self.patches.dir_world(patch));
-            found = std::array::from_fn(|k| found[k] + held.radiance[patch][k]);
-            modelled = std::array::from_fn(|k| modelled[k] + sky[k]);
+            let omega = self.patches.solid_angle_sr(patch);
+            found = std::array::from_fn(|k| found[k] + omega * held.radiance[patch][k]);
+            modelled = std::array::from_fn(|k| modelled[k] + omega * sky[k]);
         }
         let tint = std::array::from_fn(|k| if modelled[k] > 0.0 { found[k] / modelled[k] } else { 1.0 });
         Last {

@@ -4,11 +4,13 @@
 pub mod counting;
 pub mod files;
 pub mod light;
+pub mod patcherror;
 pub mod picture;
 pub mod program;
 pub mod scene;
 pub mod skip;
 pub mod skycamera;
+pub mod slurm;
 pub mod stressbound;
 pub mod stressfield;
 pub mod stresslight;

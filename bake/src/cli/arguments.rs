@@ -4,11 +4,13 @@ use super::values::{ERRORS, NOISES, duration, number, percent, range, shading, s
 use crate::bake::{BakeError, BakeOptions};
 use crate::camera::Camera;
 use crate::demo_scene;
+use crate::directions;
 use crate::effort::{self, Goal};
 use crate::scene::{self, Scene, Shading};
 use crate::stack::StackError;
 use lexopt::prelude::*;
 use relume_firmware::glue::failure::{Failure, OrFail};
+use relume_firmware::patches::PatchSet;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -33,6 +35,8 @@ pub(super) struct Arguments {
     pub(super) report: Option<PathBuf>,
     /// What the sampling follows, instead of the options'.
     pub(super) goal: Option<Goal>,
+    /// Patches are cut to the scene.
+    pub(super) adaptive: bool,
 }
 
 impl Arguments {
@@ -50,6 +54,7 @@ impl Arguments {
                 Long("resume") => a.resume = true,
                 Long("directions") => a.options.directions = number(parser, "--directions")?,
                 Long("sphere") => a.options.sphere = true,
+                Long("adaptive") => a.adaptive = true,
                 Long("sun-paths") => a.options.transport.sun_paths = number(parser, "--sun-paths")?,
                 Long("max-hits") => a.options.transport.max_hits = number(parser, "--max-hits")?,
                 Long("seed") => a.options.transport.seed = number(parser, "--seed")?,
@@ -92,12 +97,35 @@ impl Arguments {
         Ok(BakeOptions { size, ..self.options.clone() })
     }
 
-    /// `options`, with the sampling that a goal asks for.
+    /// `options`, with patches that fit the scene, if they are to.
+    fn adapted(
+        &self,
+        (scene, camera, names): (&Scene, &Camera, &str),
+        options: BakeOptions,
+    ) -> Result<BakeOptions, Failure> {
+        if !self.adaptive {
+            return Ok(options);
+        }
+        let cuts = self.on_threads(|| directions::fit(scene, camera, &options))?.map_err(|error| told(error, names))?;
+        let options = BakeOptions { cuts: Some(Box::new(cuts)), ..options };
+        let set = PatchSet::of_subdivided(cuts);
+        let sizes = || (0..set.len()).map(|patch| set.solid_angle_sr(patch));
+        let (least, most) = (sizes().fold(f32::MAX, f32::min), sizes().fold(0.0, f32::max));
+        eprintln!(
+            "directions: {} patches above the horizon and {} below, of {least:.4} to {most:.4} sr",
+            set.upper(),
+            set.lower()
+        );
+        Ok(options)
+    }
+
+    /// `options`, with the patches and the sampling that are asked for by what they should do.
     pub(super) fn sampled(
         &self,
         (scene, camera, names): (&Scene, &Camera, &str),
         options: BakeOptions,
     ) -> Result<BakeOptions, Failure> {
+        let options = self.adapted((scene, camera, names), options)?;
         let Some(goal) = self.goal else { return Ok(options) };
         let effort = self.on_threads(|| effort::choose(scene, camera, &options, goal))?;
         let effort = effort.map_err(|error| told(error, names))?;

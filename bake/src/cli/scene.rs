@@ -105,10 +105,10 @@ fn page(folder: &Path, out: &Path, baked: &Baked) -> Result<(), Failure> {
 
 fn bake_share(arguments: &Arguments, plan_file: &Path) -> Result<(), Failure> {
     let told_twice = arguments.camera.is_some() || arguments.size.is_some() || arguments.goal.is_some();
-    let told_twice = told_twice || arguments.options.stack.is_some();
+    let told_twice = told_twice || arguments.options.stack.is_some() || arguments.adaptive;
     if !arguments.files.is_empty() || told_twice {
         return Err(Failure::bad(
-            "scene --plan: scene, camera, size and sampling are the plan's; a share has no stack",
+            "scene --plan: scene, camera, size, patches and sampling are the plan's; a share has no stack",
         ));
     }
     let out = arguments.out("scene")?;

@@ -1,6 +1,6 @@
 //! Held-out light around a small thing: none of it is of the kind that the prior is made of (prior/around.rs).
 
-use super::{STRATA, TestSky};
+use super::{TestSky, strata};
 use relume_firmware::patches::PatchSet;
 
 /// Lights that are shown alone.
@@ -52,11 +52,12 @@ pub(super) fn lone_lights(set: &PatchSet) -> Vec<TestSky> {
 }
 
 fn mean_around(set: &PatchSet, patch: usize, light: &dyn Fn(Vec3) -> Vec3) -> [f32; 3] {
-    let at = |k: usize| (k as f32 + 0.5) / STRATA as f32;
+    let side = strata(set, patch);
+    let at = |k: usize| (k as f32 + 0.5) / side as f32;
     let mut sum = [0.0; 3];
-    for k in 0..STRATA * STRATA {
-        let rgb = light(set.sample(patch, [at(k / STRATA), at(k % STRATA)]).map(f64::from));
-        sum = std::array::from_fn(|c| sum[c] + rgb[c] / (STRATA * STRATA) as f64);
+    for k in 0..side * side {
+        let rgb = light(set.sample(patch, [at(k / side), at(k % side)]).map(f64::from));
+        sum = std::array::from_fn(|c| sum[c] + rgb[c] / (side * side) as f64);
     }
     sum.map(|v| v as f32)
 }

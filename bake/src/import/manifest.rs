@@ -16,6 +16,7 @@ use super::fault::ImportError;
 use super::picture::Encoding;
 use super::source::{LightPicture, Side, Source, unit};
 use crate::stack::{Horizon, MANIFEST_VERSION};
+use relume_firmware::glue::cuts;
 use relume_firmware::patches::PatchSet;
 use serde::Deserialize;
 use std::path::Path;
@@ -38,6 +39,7 @@ struct Manifest {
     _patch_set: Option<String>,
     patch_set_id: Option<u32>,
     n_upper: Option<usize>,
+    cuts: Option<String>,
     #[serde(rename = "width")]
     _width: Option<u32>,
     #[serde(rename = "height")]
@@ -124,7 +126,10 @@ fn picture(folder: &Path, entry: &Entry) -> Result<LightPicture, String> {
 /// The set of the bake that the manifest says it has, if all entries are that set's.
 fn known_set(manifest: &Manifest) -> Option<PatchSet> {
     let upper = manifest.n_upper?;
-    let set = PatchSet::of_counts(upper, manifest.patches.len().checked_sub(upper)?).ok()?;
+    let set = match &manifest.cuts {
+        Some(text) => PatchSet::of_subdivided(cuts::of_text(text)?),
+        None => PatchSet::of_counts(upper, manifest.patches.len().checked_sub(upper)?).ok()?,
+    };
     let same = |(patch, entry): (usize, &Entry)| {
         let dir = set.dir_world(patch);
         let off = entry.direction.iter().zip(dir).map(|(a, b)| (a - f64::from(b)).abs()).fold(0.0, f64::max);

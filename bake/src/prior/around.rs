@@ -11,17 +11,21 @@ use relume_firmware::patches::PatchSet;
 /// Width of a kernel, radians, and standard deviation of its field, relative to the mean light.
 const FIELDS: [(f64, f64); 3] = [(1.0, 0.8), (0.35, 0.6), (0.12, 0.4)];
 /// Standard deviation of the white part per patch.
-const WHITE: f64 = 0.3;
+pub(super) const WHITE: f64 = 0.3;
 /// Share of the second moment that may be left out of the basis.
 const TAIL: f64 = 1e-3;
 
 pub(super) fn prior(set: &PatchSet) -> Prior {
-    let dirs: Vec<[f64; 3]> = (0..set.len()).map(|patch| set.dir_world(patch).map(f64::from)).collect();
+    let dirs: Vec<[f32; 3]> = (0..set.len()).map(|patch| set.dir_world(patch)).collect();
     let moment = DMatrix::from_fn(dirs.len(), dirs.len(), |i, j| {
-        let cosine: f64 = dirs[i].iter().zip(&dirs[j]).map(|(a, b)| a * b).sum();
-        let fields = FIELDS.iter().map(|(width, sd)| sd * sd * ((cosine - 1.0) / (width * width)).exp());
-        1.0 + fields.sum::<f64>() + if i == j { WHITE * WHITE } else { 0.0 }
+        smooth_moment(dirs[i], dirs[j]) + if i == j { WHITE * WHITE } else { 0.0 }
     });
     let total = moment.trace();
     Prior::from_moment(set, moment, TAIL * total, usize::MAX)
+}
+
+/// Second moment of the light from two unit directions, but for the white part.
+pub(super) fn smooth_moment(a: [f32; 3], b: [f32; 3]) -> f64 {
+    let cosine: f64 = a.iter().zip(b).map(|(&a, b)| f64::from(a) * f64::from(b)).sum();
+    1.0 + FIELDS.iter().map(|(width, sd)| sd * sd * ((cosine - 1.0) / (width * width)).exp()).sum::<f64>()
 }

@@ -186,7 +186,9 @@ fn rings(set: &PatchSet) -> Vec<Ring> {
         let to = turn(set.sample(patch, [0.0, 1.0]));
         let to = if to <= from + 1e-5 { to + TAU } else { to };
         match rings.last_mut() {
-            Some(ring) if (ring.y_low - a.min(b)).abs() < 1e-5 => ring.cells.push((patch, from, to)),
+            Some(ring) if (ring.y_low - a.min(b)).abs() < 1e-5 && (ring.y_high - a.max(b)).abs() < 1e-5 => {
+                ring.cells.push((patch, from, to));
+            }
             _ => rings.push(Ring { y_low: a.min(b), y_high: a.max(b), cells: vec![(patch, from, to)] }),
         }
     }
