@@ -89,12 +89,12 @@ fn the_view_is_multiplied_by_what_the_stacks_say() {
         for at in 0..own.rgb.len() {
             let real = 1.0 - own.alpha[at];
             let share = if real > 0.0 { (with.alpha[at] / real).min(1.0) } else { 0.0 };
-            for c in 0..3 {
+            for (c, view) in view.iter().enumerate() {
                 let ratio = match without.rgb[at][c] {
                     light if light > 0.0 => with.rgb[at][c] / light,
                     _ => 1.0,
                 };
-                let expected = code(own.rgb[at][c] * 0.5 + real * view[c] * (1.0 + share * (ratio - 1.0)));
+                let expected = code(own.rgb[at][c] * 0.5 + real * view * (1.0 + share * (ratio - 1.0)));
                 let found = f64::from(shown.as_raw()[3 * at + c]);
                 most = most.max((found - expected).abs());
                 squares += (found - expected).powi(2);
