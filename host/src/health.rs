@@ -3,6 +3,7 @@
 use crate::outfile::{OutError, write_whole};
 use crate::relight::FrameCounters;
 use crate::sky_source::{SeriesReport, SunSource};
+use crate::view::gain::ViewGain;
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -95,6 +96,9 @@ pub struct Health {
     pub filled_patches: usize,
     /// Exposure, as EV: radiance x 2^ev.
     pub exposure_ev: f64,
+    /// How the view shows the field's receivers, with `exposure.mode = "view"`: where red or blue is far from green, white balance
+    /// or `camera.colour` is off; where the scatter is large, pose, lens or scene are.
+    pub view_gain: Option<ViewGain>,
     /// Times the sky source failed since the start.
     pub sky_faults: u64,
     /// The newest fault, in one line.

@@ -4,6 +4,7 @@ pub mod field;
 
 use crate::damage::Damage;
 use crate::relight::FrameCounters;
+use crate::view::gain::ViewGain;
 use crate::weights::PatchWeights;
 use relume_firmware::patches::PatchSet;
 
@@ -37,9 +38,8 @@ pub trait Painter {
     /// The exposure that the picture of the newest weights asks for; `None` in the dark.
     fn wanted_exposure(&mut self) -> Option<f64>;
 
-    /// Linear light of the view (1 = white) per radiance of the newest weights, from what it shows of receivers; `None` where
-    /// it shows none.
-    fn view_gain(&mut self) -> Option<[f64; 3]> {
+    /// How the view shows receivers in the newest weights; `None` where it shows none.
+    fn view_gain(&mut self) -> Option<ViewGain> {
         None
     }
 

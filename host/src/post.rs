@@ -16,6 +16,7 @@ use crate::picture::write_png;
 use crate::relight::FrameCounters;
 use crate::sky_source::{SkyReading, SkySource, SunSource};
 use crate::sun::{SunPosition, format_utc, position_of};
+use crate::view::gain::ViewGain;
 use crate::view::live::ViewSource;
 use crate::watchdog::Watchdog;
 use crate::weights::PatchWeights;
@@ -86,6 +87,8 @@ pub struct Post<'p> {
     next: SkyReading,
     /// The held weights in the view's colours, where those are known.
     balanced: PatchWeights,
+    /// How the view shows receivers, where that is asked for.
+    view_gain: Option<ViewGain>,
     /// Do the weights wait to be relit?
     is_new: bool,
     /// From the last picture of a sky that was relit to its presentation.
@@ -140,6 +143,7 @@ impl<'p> Post<'p> {
             held: even_sky(parts.painter.patch_set().len()),
             next: SkyReading::default(),
             balanced: PatchWeights { radiance: Vec::new(), sun: None },
+            view_gain: None,
             is_new: true,
             latency: Latency::default(),
             behind: parts.view.take().map(Behind::new),
@@ -356,6 +360,7 @@ impl<'p> Post<'p> {
             filled_patches: self.held.filled_patches,
             sun_azimuth_altitude_deg: self.sun().map(|p| [p.azimuth_deg, p.altitude_deg]),
             exposure_ev: self.exposure.ev(),
+            view_gain: self.view_gain,
             sky_faults: self.sky_faults,
             last_fault: self.last_fault.clone(),
             view: self.behind.as_ref().map(Behind::health),

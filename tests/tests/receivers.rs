@@ -232,7 +232,9 @@ fn gain(view: &image::RgbImage) -> [f64; 3] {
     painter.show_receivers(field.receivers());
     let weights = relume::weights::PatchWeights::load(&baked().join(clear().csv()), field.field().patch_set()).unwrap();
     painter.relight(&weights, 1.0).unwrap();
-    painter.view_gain().unwrap()
+    let seen = painter.view_gain().unwrap();
+    assert!(seen.scatter < 0.1, "{seen:?}");
+    seen.gain
 }
 
 #[test]

@@ -167,7 +167,7 @@ fn show(site: &Standing, view: &[u32], weights: &PatchWeights) -> Result<(Vec<u3
     painter.show_receivers(site.file.receivers());
     let mut control = ExposureControl::new(ExposureMode::View);
     painter.relight(weights, 1.0).or_runtime()?;
-    let gain = painter.view_gain();
+    let gain = painter.view_gain().map(|seen| seen.gain);
     control.see_gain(gain);
     let mut balanced = weights.clone();
     balanced.set_tinted(weights, control.colour());

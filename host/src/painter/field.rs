@@ -7,6 +7,7 @@ use crate::relight::{Budget, BudgetError, FrameCounters, Framebuffer, ReceiverLi
 use crate::sun::{dir_world, position_of};
 use crate::sunband::nearest;
 use crate::view::Still;
+use crate::view::gain::ViewGain;
 use crate::view::mask::Mask;
 use crate::weights::{PatchWeights, SunWeight};
 use relume_firmware::field::Field;
@@ -167,7 +168,7 @@ impl Painter for FieldPainter<'_> {
         automatic_of(&mut self.sampled)
     }
 
-    fn view_gain(&mut self) -> Option<[f64; 3]> {
+    fn view_gain(&mut self) -> Option<ViewGain> {
         self.shaded.as_mut()?.gain()
     }
 

@@ -6,6 +6,7 @@ use crate::failure::Failure;
 use crate::health::WeightsState;
 use crate::lightlog::LoggedLight;
 use crate::sky_source::{SkyFault, SunSource};
+use crate::view::gain::ViewGain;
 
 impl Post<'_> {
     /// Asks the sky for new weights and keeps the old ones if there are none. True when there will be no more.
@@ -75,8 +76,10 @@ impl Post<'_> {
         }
         // What was relit has the colours in use already.
         let colour = self.exposure.colour();
-        let gain = self.parts.painter.view_gain();
-        self.exposure.see_gain(gain.map(|gain| std::array::from_fn(|c| gain[c] * f64::from(colour[c]))))
+        let seen = self.parts.painter.view_gain();
+        self.view_gain =
+            seen.map(|seen| ViewGain { gain: std::array::from_fn(|c| seen.gain[c] * f64::from(colour[c])), ..seen });
+        self.exposure.see_gain(self.view_gain.map(|seen| seen.gain))
     }
 
     /// The exposure of a pass over new weights; `None` when they are done.

@@ -40,8 +40,8 @@ impl Painter for Pixel {
     fn wanted_exposure(&mut self) -> Option<f64> {
         (self.brightness > 0.0).then(|| 0.8 / f64::from(self.brightness))
     }
-    fn view_gain(&mut self) -> Option<[f64; 3]> {
-        (self.view[0] > 0).then(|| [f64::from(self.view[0]) / 1000.0; 3])
+    fn view_gain(&mut self) -> Option<ViewGain> {
+        (self.view[0] > 0).then(|| ViewGain { gain: [f64::from(self.view[0]) / 1000.0; 3], scatter: 0.0 })
     }
     fn draw(&mut self, damage: &mut Damage) -> anyhow::Result<FrameCounters> {
         let changed = std::mem::replace(&mut self.relit, self.drawn) != self.drawn;
@@ -221,7 +221,8 @@ fn the_picture_is_exposed_as_the_view_is_in_the_frame_that_shows_it() {
     let views = [Some(1000), Some(1000), Some(2000), Some(2010)];
     let (report, seen, _) = run_over(by_view, &[Some(0.5), None, None, None], Some(&views), false);
     assert_eq!(seen, [1050, 1050, 2100, 2110]);
-    assert_eq!(report.unwrap().health.exposure_ev, 1.0);
+    let health = report.unwrap().health;
+    assert_eq!((health.exposure_ev, health.view_gain.map(|seen| seen.gain)), (1.0, Some([2.01; 3])));
     // Without a view the picture itself tells.
     let (_, seen, _) = run_over(by_view, &[Some(0.5), None], Some(&[None]), false);
     assert!((56..114).contains(&seen[0]), "{seen:?}");

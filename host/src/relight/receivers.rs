@@ -2,7 +2,7 @@
 
 use super::reading::{power_of_two, white_light};
 use super::{Relighter, View};
-use crate::view::gain::middle;
+use crate::view::gain::{ViewGain, middle};
 use crate::weights::PatchWeights;
 use relume_firmware::field::Field;
 use relume_firmware::receivers::{DARKEST, Receivers, factor_of_still, shaded, share_of_view};
@@ -161,14 +161,14 @@ impl<'f> ReceiverLight<'f> {
         self.with.set_weights(then, exposure)?;
         self.without.set_weights(then, exposure)?;
         self.follow();
-        self.still = self.gain(view).map(|gain| StillLight { gain, white, exposure });
+        self.still = self.gain(view).map(|ViewGain { gain, .. }| StillLight { gain, white, exposure });
         Ok(self.still.is_some())
     }
 
     /// Linear light of `view` (1 = white) per radiance of the newest weights, from what it shows of the receivers; `None` where
     /// that is too little. Like [`ReceiverLight::shade`] it counts from the last [`ReceiverLight::follow`] on.
-    pub fn gain(&mut self, view: &[u32]) -> Option<[f64; 3]> {
-        let mut gain = [0.0; 3];
+    pub fn gain(&mut self, view: &[u32]) -> Option<ViewGain> {
+        let (mut gain, mut scatter) = ([0.0; 3], 0.0f64);
         for (channel, gain) in gain.iter_mut().enumerate() {
             self.logs.clear();
             for pixel in &self.whole {
@@ -178,9 +178,11 @@ impl<'f> ReceiverLight<'f> {
                     self.logs.push(f64::from(self.tone.linear(code) / light).ln());
                 }
             }
-            *gain = f64::from(self.exposure) * middle(&mut self.logs)?.exp();
+            let (middle, deviation) = middle(&mut self.logs)?;
+            *gain = f64::from(self.exposure) * middle.exp();
+            scatter = scatter.max(deviation);
         }
-        Some(gain)
+        Some(ViewGain { gain, scatter })
     }
 
     /// Brings the factors up to the newest weights; how many tiles of them have changed.
@@ -312,7 +314,7 @@ impl<'f> ShadedView<'f> {
     }
 
     /// See [`ReceiverLight::gain`].
-    pub fn gain(&mut self) -> Option<[f64; 3]> {
+    pub fn gain(&mut self) -> Option<ViewGain> {
         self.light.follow();
         self.light.gain(&self.real)
     }

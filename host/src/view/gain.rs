@@ -5,6 +5,18 @@
 //! median's absolute deviation over 0.6745), which gives values beyond it no weight at all, started at the shortest half of
 //! the values (Rousseeuw 1984): the median would lean towards outliers that are all on one side.
 
+use serde::Serialize;
+
+/// How a view shows receivers.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ViewGain {
+    /// Linear light of the view (1 = white) per radiance, red, green and blue.
+    pub gain: [f64; 3],
+    /// By how much single pixels differ from that, as a share: what the scene does not know of its ground, and more where pose or
+    /// lens are off. The largest of the channels.
+    pub scatter: f64,
+}
+
 /// Fewest values that tell anything.
 const FEWEST: usize = 64;
 /// Where Tukey's weight ends, in standard deviations.
@@ -15,8 +27,9 @@ const MAD: f64 = 0.6745;
 const FINEST: f64 = 1e-3;
 const STEPS: usize = 20;
 
-/// The middle of natural logarithms most of which belong together; their order changes. `None` of too few.
-pub fn middle(logs: &mut [f64]) -> Option<f64> {
+/// The middle of natural logarithms most of which belong together, and their standard deviation; their order changes. `None` of
+/// too few.
+pub fn middle(logs: &mut [f64]) -> Option<(f64, f64)> {
     if logs.len() < FEWEST {
         return None;
     }
@@ -43,7 +56,8 @@ pub fn middle(logs: &mut [f64]) -> Option<f64> {
             break;
         }
     }
-    Some(centre)
+    let scatter = deviation(logs, centre) / MAD;
+    Some((centre, scatter))
 }
 
 /// Of ascending values.
@@ -97,14 +111,16 @@ mod tests {
                     if is_visitor { own + if k % 2 == 0 { dark } else { bright } } else { own }
                 })
                 .collect();
-            let found = middle(&mut logs).unwrap();
+            let (found, scatter) = middle(&mut logs).unwrap();
+            assert!((0.11..0.2).contains(&scatter), "{scatter}");
             assert!((found - 0.7).abs() < 0.02, "{share} {dark} {bright}: {found}");
         }
     }
 
     #[test]
     fn values_that_are_all_alike_have_a_middle_and_few_have_none() {
-        assert!((middle(&mut [0.25; 100]).unwrap() - 0.25).abs() < 1e-12);
+        let (centre, scatter) = middle(&mut [0.25; 100]).unwrap();
+        assert!((centre - 0.25).abs() < 1e-12 && scatter < 1e-12);
         assert_eq!(middle(&mut [0.25; 63]), None);
     }
 }
