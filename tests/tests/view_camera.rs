@@ -67,8 +67,12 @@ fn a_still_gives_its_camera_which_bakes() {
     let expected = report["standard_error"]["position_m"].as_f64().unwrap();
     assert!(moved < 4.0 * expected && moved < 0.1, "{moved} m off, {expected} expected");
     let overlay = image::open(folder.join("overlay.png")).unwrap().into_rgb8();
-    let count = |ink: [u8; 3]| overlay.pixels().filter(|pixel| pixel.0 == ink).count();
-    assert!(count([0, 230, 255]) > 500 && count([255, 225, 0]) > 100 && count([255, 40, 40]) > 10);
+    // Thin lines hardly cover a pixel whole.
+    let is_near =
+        |pixel: &Rgb<u8>, ink: [u8; 3]| (0..3).map(|c| u32::from(pixel.0[c].abs_diff(ink[c]))).sum::<u32>() < 160;
+    let count = |ink: [u8; 3]| overlay.pixels().filter(|pixel| is_near(pixel, ink)).count();
+    let counts = [[0, 230, 255], [255, 225, 0], [255, 40, 40]].map(count);
+    assert!(counts[0] > 500 && counts[1] > 100 && counts[2] > 10, "edges, points, strays: {counts:?} px");
     let bake = |size: &'static str| {
         ["scene", "scene.glb", "--camera", "cam.json", "--size", size, "--directions", "16", "-o", "a.field"]
     };
