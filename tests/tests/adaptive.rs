@@ -67,7 +67,7 @@ fn weights(file: &Path) -> Vec<[f64; 3]> {
     text.lines().skip(1).map(light).collect()
 }
 
-/// The map whose direction `dir` shows [`sky`] turned by `-turn_deg` about +Y.
+/// The map whose direction `dir` shows [`sky`] at RotY(`turn_deg`) `dir`: `--env-rot` by the same angle makes it `sky` again.
 fn write_sky(path: &Path, turn_deg: f64) {
     const SIZE: (usize, usize) = (256, 128);
     write_exr(path, SIZE, |col, row| {
@@ -119,9 +119,9 @@ fn a_field_of_fitted_patches_goes_all_the_ways_of_another() {
     assert!(relative_rmse(&weighed, &shown, &covered) < 1e-3, "{}", relative_rmse(&weighed, &shown, &covered));
 
     // A map turned one way and turned back by the command is the same light.
-    let turned = relight("a.field", &["--sky", "turned.exr", "--env-rot", "60"], "turned_shown.exr");
+    let turned = relight("a.field", &["--sky", "turned.exr", "--env-rot", "-60"], "turned_shown.exr");
     assert!(relative_rmse(&turned, &shown, &covered) < 0.005, "{}", relative_rmse(&turned, &shown, &covered));
-    let wrong = relight("a.field", &["--sky", "turned.exr", "--env-rot", "-60"], "wrong_shown.exr");
+    let wrong = relight("a.field", &["--sky", "turned.exr", "--env-rot", "60"], "wrong_shown.exr");
     assert!(relative_rmse(&wrong, &shown, &covered) > 0.02, "{}", relative_rmse(&wrong, &shown, &covered));
 
     // The stack comes back by `import` as the same patches.
