@@ -18,6 +18,8 @@ TICKS = 100
 # A picture of this camera is no sky and its light none that a test looks at; but its driver fails on demand.
 VIVID = "vivid"
 VIVID_SIZE = (320, 180)
+# Its faults are told within a few seconds.
+ONCE_MORE_S = 12
 
 
 def idle_share(check):
@@ -93,10 +95,6 @@ def camera_taken(check, **post):
 def lights(check):
     """How many lights the post has logged."""
     return (check.board.out / "light.jsonl").read_text().count("\n")
-
-
-# Faults are told within a few seconds.
-ONCE_MORE_S = 12
 
 
 def injected(check, name, controls, told=None):

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 const COUNTS: [usize; 5] = [64, 128, 256, 512, 1024];
 const SEED: u64 = 8191;
 /// Size of the picture that errors are measured in.
-const SIZE: (u32, u32) = (128, 96);
+const SIZE: (u32, u32) = (48, 36);
 /// Size that the patches are made for.
 const BAKED: (u32, u32) = (512, 384);
 

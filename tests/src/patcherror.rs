@@ -1,8 +1,9 @@
 //! What a set of patches costs by itself: a path trace under the whole sky against one under the means of its patches.
 //!
 //! Both are the same paths, for all sets at once: the light that a path finds is that of the sky less that of the patch's mean,
-//! so that the noise is of the difference and not of the pictures. Lambert surfaces. Each pixel's paths are halved, and the mean
-//! square of an error is the mean product of the two halves' errors, which noise does not raise.
+//! so that the noise is of the difference and not of the pictures. Lambert surfaces; pixels that the scene covers wholly. Each
+//! pixel's paths are halved, and the mean square of an error is the mean product of the two halves' errors, which noise does not
+//! raise. The paths of a half are stratified over the directions in which they look for light first, and those in which they go on.
 
 use glam::Vec3A;
 use relume_bake::camera::Camera;
@@ -55,26 +56,27 @@ impl<'s> Cut<'s> {
         }
     }
 
-    /// A direction, by the sky's brightness or by the surface's cosine, and its density (1/sr).
-    fn draw(&self, surface: &Surface, random: &mut Random) -> (Vec3A, f32) {
+    /// The direction for a number in 0..1 by the sky's brightness.
+    fn by_sky(&self, pick: f32, random: &mut Random) -> Vec3A {
         let total = self.running.last().copied().unwrap_or(0.0);
-        let dir = if random.unit() < 0.5 && total > 0.0 {
-            let pick = f64::from(random.unit()) * total;
-            let at = self.running.partition_point(|&sum| sum <= pick).min(self.map.pixels.len() - 1);
-            let (col, row) = (at % self.map.width, at / self.map.width);
-            let step = std::f64::consts::PI / self.map.height as f64;
-            let (top, low) = ((row as f64 * step).cos() as f32, ((row + 1) as f64 * step).cos() as f32);
-            let y = top + (low - top) * random.unit();
-            let azimuth = TAU * ((col as f32 + random.unit()) / self.map.width as f32 - 0.5);
-            let radius = (1.0 - y * y).max(0.0).sqrt();
-            Vec3A::new(radius * azimuth.cos(), y, radius * azimuth.sin())
-        } else {
-            cosine_direction(surface.normal, random)
-        };
+        let pick = f64::from(pick) * total;
+        let at = self.running.partition_point(|&sum| sum <= pick).min(self.map.pixels.len() - 1);
+        let (col, row) = (at % self.map.width, at / self.map.width);
+        let step = std::f64::consts::PI / self.map.height as f64;
+        let (top, low) = ((row as f64 * step).cos() as f32, ((row + 1) as f64 * step).cos() as f32);
+        let y = top + (low - top) * random.unit();
+        let azimuth = TAU * ((col as f32 + random.unit()) / self.map.width as f32 - 0.5);
+        let radius = (1.0 - y * y).max(0.0).sqrt();
+        Vec3A::new(radius * azimuth.cos(), y, radius * azimuth.sin())
+    }
+
+    /// Density (1/sr) of directions of which half are drawn by the sky's brightness and half by the surface's cosine.
+    fn density(&self, surface: &Surface, dir: Vec3A) -> f32 {
+        let total = self.running.last().copied().unwrap_or(0.0);
         let (col, row) = self.map.pixel_of(dir.to_array());
         let by_sky = brightness(self.map.pixels[row * self.map.width + col]) / total.max(1e-30);
         let by_cosine = surface.normal.dot(dir).max(0.0) * FRAC_1_PI;
-        (dir, 0.5 * (by_sky as f32 + by_cosine))
+        0.5 * (by_sky as f32 + by_cosine)
     }
 }
 
@@ -82,11 +84,23 @@ fn brightness(rgb: [f32; 3]) -> f64 {
     rgb.iter().map(|&v| f64::from(v)).sum::<f64>() / 3.0
 }
 
-fn cosine_direction(normal: Vec3A, random: &mut Random) -> Vec3A {
+/// A direction about `normal` with a density of cosine / pi, for `u` in the unit square.
+fn cosine_direction(normal: Vec3A, u: [f32; 2]) -> Vec3A {
     let (across, up) = normal.any_orthonormal_pair();
-    let (radius, turn) = (random.unit().sqrt(), TAU * random.unit());
+    let (radius, turn) = (u[0].sqrt(), TAU * u[1]);
     let out = (1.0 - radius * radius).max(0.0).sqrt();
     (normal * out + (across * turn.cos() + up * turn.sin()) * radius).normalize()
+}
+
+/// A square cut into `side` x `side` cells.
+struct Strata(u32);
+
+impl Strata {
+    /// A point by chance in a cell.
+    fn point(&self, cell: u32, random: &mut Random) -> [f32; 2] {
+        [(cell % self.0) as f32 + random.unit(), (cell / self.0 % self.0) as f32 + random.unit()]
+            .map(|u| u / self.0 as f32)
+    }
 }
 
 /// The error of each set under a sky, in the picture of `size` that `camera` sees of `scene`.
@@ -131,10 +145,12 @@ fn half_pixel(
     ((x, y), paths): ((u32, u32), u32),
     random: &mut Random,
 ) -> Option<Vec<Vec3A>> {
-    let mut sum = vec![Vec3A::ZERO; cut.sets.len() + 1];
-    let mut light = sum.clone();
+    let strata = Strata(((paths / 4) as f32).sqrt().ceil().max(1.0) as u32);
+    let cells = strata.0 * strata.0;
+    let turn = random.bits();
     let view = camera.view(width, height);
-    for _ in 0..paths.div_ceil(2) {
+    let (mut sum, mut light) = (vec![Vec3A::ZERO; cut.sets.len() + 1], vec![Vec3A::ZERO; cut.sets.len() + 1]);
+    for k in 0..2 * cells {
         let dir = view.direction(x as f32 + random.unit(), y as f32 + random.unit())?;
         let (mut origin, mut dir) = (view.position.as_vec3a(), Vec3A::from(dir));
         let mut throughput = Vec3A::ONE;
@@ -146,11 +162,16 @@ fn half_pixel(
                 break;
             };
             let surface = geometry.surface(&hit, dir, Cone::default());
-            let (towards, density) = cut.draw(&surface, random);
+            // Later surfaces take cells by chance.
+            let cell = if hits == 1 { k / 2 } else { random.bits() % cells };
+            let towards = match k % 2 {
+                0 => cut.by_sky((cell as f32 + random.unit()) / cells as f32, random),
+                _ => cosine_direction(surface.normal, strata.point(cell, random)),
+            };
             let cosine = surface.cosine(towards);
             if cosine > 0.0 {
                 let passed = cosine * geometry.transmittance(surface.position, towards);
-                let weight = throughput * surface.albedo * (passed * FRAC_1_PI / density);
+                let weight = throughput * surface.albedo * (passed * FRAC_1_PI / cut.density(&surface, towards));
                 if weight.max_element() > 0.0 {
                     cut.light(towards, &mut light);
                     sum.iter_mut().zip(&light).for_each(|(sum, &light)| *sum += weight * light);
@@ -164,14 +185,20 @@ fn half_pixel(
                 }
                 throughput /= chance;
             }
-            dir = cosine_direction(surface.normal, random);
+            // Cells in another order than those of the light.
+            let cell = if hits == 1 {
+                (k / 2).wrapping_mul(7919).wrapping_add(turn >> 8) % cells
+            } else {
+                random.bits() % cells
+            };
+            dir = cosine_direction(surface.normal, strata.point(cell, random));
             if surface.cosine(dir) <= 0.0 {
                 break;
             }
             origin = surface.position;
         }
     }
-    let scale = 1.0 / paths.div_ceil(2) as f32;
+    let scale = 1.0 / (2 * cells) as f32;
     Some(sum.into_iter().map(|light| light * scale).collect())
 }
 
