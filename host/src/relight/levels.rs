@@ -29,11 +29,15 @@ pub(super) struct Levels {
     has_way_back: bool,
     bounds_on: bool,
     unpacked: Vec<Unpacked>,
+    /// How often weights were unpacked for.
+    moment: u64,
 }
 
 /// Unpacked rows of a patch that outshines the sky.
 struct Unpacked {
     patch: Option<u16>,
+    /// The last moment in which it stood out, counted from 1; 0 while there is none.
+    moment: u64,
     codes: Vec<u8>,
     facts: Vec<RowFacts>,
 }
@@ -70,22 +74,28 @@ impl Levels {
             has_way_back: field.way_back().bytes() > 0,
             bounds_on: true,
             unpacked: (0..MAX_STANDOUTS)
-                .map(|_| Unpacked { patch: None, codes: Vec::new(), facts: Vec::new() })
+                .map(|_| Unpacked { patch: None, moment: 0, codes: Vec::new(), facts: Vec::new() })
                 .collect(),
+            moment: 0,
         }
     }
 
-    /// Unpacks the rows of the patches that outshine the sky now, where they did not before.
+    /// Unpacks the rows of the patches that outshine the sky now, unless they are still there: those that stood out last stay
+    /// longest, because under clouds the same few come and go.
     pub(super) fn unpack(&mut self, field: &Field<'_>, tiles: &[Tile<'_>]) {
+        self.moment += 1;
         let weights = &self.levels[0].weights;
-        let is_apart =
-            |patch: Option<u16>| patch.is_some_and(|patch| weights.apart().any(|apart| apart.patch == patch));
+        for known in &mut self.unpacked {
+            if known.patch.is_some_and(|patch| weights.apart().any(|apart| apart.patch == patch)) {
+                known.moment = self.moment;
+            }
+        }
         for new in weights.apart() {
             if self.unpacked.iter().any(|known| known.patch == Some(new.patch)) {
                 continue;
             }
-            let Some(slot) = self.unpacked.iter_mut().find(|known| !is_apart(known.patch)) else { return };
-            slot.patch = Some(new.patch);
+            let Some(slot) = self.unpacked.iter_mut().min_by_key(|known| known.moment) else { return };
+            (slot.patch, slot.moment) = (Some(new.patch), self.moment);
             slot.fill(field, tiles, new.patch, self.kernel);
         }
     }
