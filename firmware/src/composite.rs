@@ -35,6 +35,10 @@ impl ViewPixels<'_> {
     }
 }
 
+/// What the view's linear light is multiplied by in one tile ([`crate::receivers`]): a factor for each of its 256 places, row by
+/// row, of red, green and blue. Finite.
+pub type TileShade<'a> = [&'a [f32; TILE_PIXELS]; 3];
+
 /// What all tiles of a frame are composited with.
 #[derive(Clone, Copy, Debug)]
 pub struct Compositor<'a> {
@@ -77,9 +81,9 @@ impl Target<'_, '_> {
 }
 
 impl Compositor<'_> {
-    /// Relights a tile and writes it: `P + (1 - coverage) * view` per pixel, the view alone where nothing
-    /// covers it. Returns the extent of its linear values. `linear` is a place to work in. The light of the edge pixels
-    /// goes to `kept`, if that has room for it ([`Edges::light_len`]).
+    /// Relights a tile and writes it: `P + (1 - coverage) * view` per pixel, the view alone where nothing covers it; the view
+    /// times `shade`, if there is any. Returns the extent of its linear values. `linear` is a place to work in. The light of the
+    /// edge pixels goes to `kept`, if that has room for it ([`Edges::light_len`]).
     ///
     /// A tile without gaps goes straight from the field to the surface; its edge pixels follow.
     pub fn tile(
@@ -88,9 +92,12 @@ impl Compositor<'_> {
         (coefficients, light): (&Coefficients, &TileLight<'_>),
         linear: &mut LinearTile,
         kept: &mut [f32],
+        shade: Option<TileShade<'_>>,
         mut target: Target<'_, '_>,
     ) -> Extent {
         let n = tile.padded_pixels();
+        let mut room = [0; TILE_PIXELS];
+        let behind = self.behind(tile, shade, target.at, &mut room);
         let has_rows = add_rows(field, tile, light, self.kernel, linear);
         let job = coefficients.job(tile, light.sun);
         let to = match (has_rows, tile.coverage) {
@@ -106,8 +113,8 @@ impl Compositor<'_> {
             let mut buffer = [0u32; TILE_PIXELS];
             let shown = Shown { pixels_xrgb: &mut buffer[..n], stride: TILE_PX };
             let extent = self.kernel.relight(&job, to, Some(shown));
-            self.spread(tile, &buffer, &mut target);
-            self.gaps(tile, &mut target);
+            spread(tile, &buffer, &mut target);
+            behind.fill_gaps(tile, &mut target);
             extent
         };
         if tile.coverage.is_some() {
@@ -116,28 +123,55 @@ impl Compositor<'_> {
             if !kept.is_empty() {
                 edges.keep(linear, kept);
             }
-            self.edges(&edges, linear, &mut target);
+            self.edges(&edges, &behind, linear, &mut target);
         }
         extent
     }
 
-    /// Writes what has changed of a tile because the view has: its edge pixels, whose light was `kept`, and where nothing
-    /// covers the view.
-    pub fn view_alone(&self, tile: &Tile<'_>, kept: &[f32], linear: &mut LinearTile, mut target: Target<'_, '_>) {
-        self.gaps(tile, &mut target);
+    /// Writes what has changed of a tile because the view or its shade has: its edge pixels, whose light was `kept`, and where
+    /// nothing covers the view.
+    pub fn view_alone(
+        &self,
+        tile: &Tile<'_>,
+        kept: &[f32],
+        linear: &mut LinearTile,
+        shade: Option<TileShade<'_>>,
+        mut target: Target<'_, '_>,
+    ) {
+        let mut room = [0; TILE_PIXELS];
+        let behind = self.behind(tile, shade, target.at, &mut room);
+        behind.fill_gaps(tile, &mut target);
         if !kept.is_empty() {
             let edges = Edges::new(tile);
             edges.recall(kept, linear);
-            self.edges(&edges, linear, &mut target);
+            self.edges(&edges, &behind, linear, &mut target);
         }
     }
 
+    /// What is behind a tile at these pixels of the picture; shaded in `room`, unless it is hidden.
+    fn behind<'b>(
+        &'b self,
+        tile: &Tile<'_>,
+        shade: Option<TileShade<'_>>,
+        (x0, y0): (usize, usize),
+        room: &'b mut [u32; TILE_PIXELS],
+    ) -> Behind<'b> {
+        let shows = tile.pixels() < TILE_PIXELS || tile.coverage.is_some();
+        let Some(factors) = shade.filter(|_| shows) else { return Behind { view: self.view, at: (x0, y0) } };
+        let width = TILE_PX.min(self.view.stride.saturating_sub(x0));
+        for (row, room) in room.chunks_exact_mut(TILE_PX).enumerate() {
+            self.view.copy_row(x0, y0 + row, &mut room[..width]);
+        }
+        self.kernel.shade(room, factors.map(|plane| plane.as_slice()), self.light);
+        Behind { view: ViewPixels { pixels_xrgb: room, stride: TILE_PX }, at: (0, 0) }
+    }
+
     /// Edge pixels over the view; their light lies at the front of `linear`.
-    fn edges(&self, edges: &Edges, linear: &mut LinearTile, target: &mut Target<'_, '_>) {
-        let (n, (x0, y0)) = (edges.padded(), target.at);
+    fn edges(&self, edges: &Edges, behind: &Behind<'_>, linear: &mut LinearTile, target: &mut Target<'_, '_>) {
+        let (n, (x0, y0), view) = (edges.padded(), behind.at, behind.view);
         let (mut behind, mut shown) = ([0u32; TILE_PIXELS], [0u32; TILE_PIXELS]);
         for (behind, place) in behind.iter_mut().zip(edges.places()) {
-            *behind = self.view.at(x0 + place % TILE_PX, y0 + place / TILE_PX);
+            *behind = view.at(x0 + place % TILE_PX, y0 + place / TILE_PX);
         }
         self.kernel.add_view(&behind[..n], edges.coverage(), self.light, linear.planes(n));
         self.kernel.tone(linear.planes(n).map(|plane| &*plane), &mut shown[..n]);
@@ -148,28 +182,18 @@ impl Compositor<'_> {
             }
         }
     }
+}
 
-    /// Covered pixels' codes to their places.
-    fn spread(&self, tile: &Tile<'_>, shown: &[u32; TILE_PIXELS], target: &mut Target<'_, '_>) {
-        let mut next = 0;
-        for y in 0..target.rows() {
-            let covered = tile.mask_row(y);
-            let row = target.row_mut(y);
-            let mut own = next;
-            for run in runs(covered) {
-                let kept = run.start..run.end.min(row.len());
-                if !kept.is_empty() {
-                    row[kept.clone()].copy_from_slice(&shown[own..own + kept.len()]);
-                }
-                own += run.len();
-            }
-            next += covered.count_ones() as usize;
-        }
-    }
+/// What is behind one tile: whose top left pixel lies there in it.
+struct Behind<'a> {
+    view: ViewPixels<'a>,
+    at: (usize, usize),
+}
 
+impl Behind<'_> {
     /// The view where nothing covers it.
-    fn gaps(&self, tile: &Tile<'_>, target: &mut Target<'_, '_>) {
-        let (x0, y0) = target.at;
+    fn fill_gaps(&self, tile: &Tile<'_>, target: &mut Target<'_, '_>) {
+        let (x0, y0) = self.at;
         for y in 0..target.rows() {
             let row = target.row_mut(y);
             for run in runs(!tile.mask_row(y)) {
@@ -179,6 +203,24 @@ impl Compositor<'_> {
                 }
             }
         }
+    }
+}
+
+/// Covered pixels' codes to their places.
+fn spread(tile: &Tile<'_>, shown: &[u32; TILE_PIXELS], target: &mut Target<'_, '_>) {
+    let mut next = 0;
+    for y in 0..target.rows() {
+        let covered = tile.mask_row(y);
+        let row = target.row_mut(y);
+        let mut own = next;
+        for run in runs(covered) {
+            let kept = run.start..run.end.min(row.len());
+            if !kept.is_empty() {
+                row[kept.clone()].copy_from_slice(&shown[own..own + kept.len()]);
+            }
+            own += run.len();
+        }
+        next += covered.count_ones() as usize;
     }
 }
 
@@ -208,7 +250,8 @@ mod tests {
         let mut surface = Surface::new(&mut pixels, 1, 1, 1).unwrap();
         let edges = Edges::new(&Tile { coverage: Some(&[coverage]), ..Tile::bare(mask) });
         let mut target = Target { surface: &mut surface, surface_y0: 0, at: (0, 0) };
-        compositor.edges(&edges, &mut linear, &mut target);
+        let behind = Behind { view, at: (0, 0) };
+        compositor.edges(&edges, &behind, &mut linear, &mut target);
         pixels[0]
     }
 
@@ -224,10 +267,8 @@ mod tests {
 
     #[test]
     fn spread_pixels_fill_the_mask_and_the_view_the_rest() {
-        let light = ViewLight::new();
-        let behind: [u32; 64] = core::array::from_fn(|k| 1000 + k as u32);
-        let compositor =
-            Compositor { view: ViewPixels { pixels_xrgb: &behind, stride: 16 }, light: &light, kernel: Kernel::SCALAR };
+        let pixels_xrgb: [u32; 64] = core::array::from_fn(|k| 1000 + k as u32);
+        let behind = Behind { view: ViewPixels { pixels_xrgb: &pixels_xrgb, stride: 16 }, at: (0, 0) };
         let masks = [0u16, 0xffff, 0b1011_0000_1110_0001, 0x8001];
         let mut mask = [0; 32];
         for (bytes, row) in mask.chunks_exact_mut(2).zip(masks) {
@@ -240,8 +281,8 @@ mod tests {
             let mut pixels = [7u32; 80];
             let mut surface = Surface::new(&mut pixels, width, height, 20).unwrap();
             let mut target = Target { surface: &mut surface, surface_y0: 0, at: (0, 0) };
-            compositor.spread(&tile, &shown, &mut target);
-            compositor.gaps(&tile, &mut target);
+            spread(&tile, &shown, &mut target);
+            behind.fill_gaps(&tile, &mut target);
             let mut next = 0;
             for (at, &found) in pixels.iter().enumerate() {
                 let (x, y) = (at % 20, at / 20);

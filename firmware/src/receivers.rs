@@ -80,11 +80,12 @@ pub fn share_of_view(receiver: u8, covered: u8) -> f32 {
     if real == 0 { 0.0 } else { (f32::from(receiver) / f32::from(real)).min(1.0) }
 }
 
-/// A pixel of the view (0x00RRGGBB, sRGB), its linear light multiplied by `factors` of red, green and blue.
+/// A pixel of the view (0x00RRGGBB, sRGB), its linear light multiplied by `factors` of red, green and blue: what
+/// [`crate::kernel::Kernel::shade`] does.
 #[inline]
 pub fn shaded(view_xrgb: u32, factors: [f32; 3], light: &ViewLight) -> u32 {
     let [_, r, g, b] = view_xrgb.to_be_bytes();
-    let shade = |code: u8, factor: f32| if factor == 1.0 { code } else { tone::code(light.linear(code) * factor) };
+    let shade = |code: u8, factor: f32| tone::code(light.linear(code) * factor);
     xrgb([shade(r, factors[0]), shade(g, factors[1]), shade(b, factors[2])])
 }
 

@@ -13,6 +13,7 @@ mod light;
 mod reading;
 mod receivers;
 mod restore;
+mod shading;
 mod standing;
 mod sunplane;
 mod suntracer;
@@ -23,7 +24,8 @@ pub use budget::{Budget, BudgetError};
 pub use buffers::{Framebuffer, Picture, View};
 pub use counters::FrameCounters;
 pub use file::{FieldFile, FieldFileError};
-pub use receivers::{ReceiverLight, ShadedView};
+pub use receivers::ReceiverLight;
+pub use shading::{Backdrop, Shading};
 
 use crate::damage::Damage;
 use crate::weights::PatchWeights;
@@ -40,6 +42,7 @@ use relume_firmware::patches::PatchSet;
 use relume_firmware::tile::Tile;
 use relume_firmware::tone::ViewLight;
 use relume_firmware::weights::{SunWeight, WeightError};
+use shading::BackdropVersion;
 use std::time::Instant;
 use sunplane::SunPlane;
 use tiles::TileState;
@@ -85,7 +88,7 @@ pub struct Relighter<'f> {
     /// Has the view ever changed? Then light is kept where it shows through.
     live: bool,
     /// The counters of the last frame, its view and its moment.
-    shown: Option<(FrameCounters, u64, u64)>,
+    shown: Option<(FrameCounters, BackdropVersion, u64)>,
     counters: FrameCounters,
 }
 

@@ -148,7 +148,7 @@ impl<'a> Frame<'a> {
         let view = ViewPixels { pixels_xrgb: behind, stride };
         let target = composite::Target { surface: &mut surface, surface_y0: 0, at: (0, 0) };
         let compositor = Compositor { view, light: view_light, kernel };
-        let extent = compositor.tile((field, tile), (coefficients, light), linear, &mut [], target);
+        let extent = compositor.tile((field, tile), (coefficients, light), linear, &mut [], None, target);
         self.write_words((x0, y0), &words);
         extent
     }

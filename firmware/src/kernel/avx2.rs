@@ -206,7 +206,7 @@ pub unsafe fn tone(linear: [&[f32]; 3], out_xrgb: &mut [u32]) {
 /// AVX2; room for 16 words at `out`.
 #[target_feature(enable = "avx2")]
 #[inline]
-unsafe fn show(logs: [__m256i; 3], out: *mut u32) {
+pub(super) unsafe fn show(logs: [__m256i; 3], out: *mut u32) {
     let [r, g, b] = logs.map(|logs| codes(logs));
     let gb = _mm256_or_si256(_mm256_slli_epi16::<8>(g), b);
     // Unpacking undoes the order that packing left.
@@ -220,7 +220,7 @@ unsafe fn show(logs: [__m256i; 3], out: *mut u32) {
 /// The scalar path's `log16` of 16 pixels, ordered 0..4, 8..12, 4..8, 12..16.
 #[target_feature(enable = "avx2")]
 #[inline]
-fn log16(linear: Pixels) -> __m256i {
+pub(super) fn log16(linear: Pixels) -> __m256i {
     let [low, high] = linear
         .map(|v| _mm256_sub_epi32(_mm256_srai_epi32::<LOG_SHIFT>(_mm256_castps_si256(v)), _mm256_set1_epi32(LOG_BIAS)));
     _mm256_packus_epi32(low, high)

@@ -211,7 +211,7 @@ pub unsafe fn tone(linear: [&[f32]; 3], out_xrgb: &mut [u32]) {
 /// The scalar path's `log16`. Subtracting saturates, so that no negative float wraps; narrowing saturates to 0..=65535.
 #[target_feature(enable = "neon")]
 #[inline]
-fn log16(value: Pixels) -> uint16x8_t {
+pub(super) fn log16(value: Pixels) -> uint16x8_t {
     let above = |v: float32x4_t| vqsubq_s32(vreinterpretq_s32_f32(v), vdupq_n_s32(LOG_BIAS << LOG_SHIFT));
     vqshrun_high_n_s32::<LOG_SHIFT>(vqshrun_n_s32::<LOG_SHIFT>(above(value[0])), above(value[1]))
 }
@@ -222,7 +222,7 @@ fn log16(value: Pixels) -> uint16x8_t {
 /// Room for 16 words at `out`.
 #[target_feature(enable = "neon")]
 #[inline]
-unsafe fn show(logs: [[uint16x8_t; 2]; 3], out: *mut u32) {
+pub(super) unsafe fn show(logs: [[uint16x8_t; 2]; 3], out: *mut u32) {
     let [r, g, b] = logs.map(|logs| codes(logs));
     let gb = [vreinterpretq_u16_u8(vzip1q_u8(b, g)), vreinterpretq_u16_u8(vzip2q_u8(b, g))];
     let r = [vmovl_u8(vget_low_u8(r)), vmovl_high_u8(r)];

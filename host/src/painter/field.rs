@@ -3,7 +3,9 @@
 use super::Painter;
 use crate::damage::Damage;
 use crate::exposure::{automatic, automatic_of};
-use crate::relight::{Budget, BudgetError, FrameCounters, Framebuffer, ReceiverLight, Relighter, ShadedView, View};
+use crate::relight::{
+    Backdrop, Budget, BudgetError, FrameCounters, Framebuffer, ReceiverLight, Relighter, Shading, View,
+};
 use crate::sun::{dir_world, position_of};
 use crate::sunband::nearest;
 use crate::view::Still;
@@ -22,10 +24,10 @@ const EXPOSURE_TILES: usize = 128;
 pub struct FieldPainter<'f> {
     field: Field<'f>,
     relighter: Relighter<'f>,
-    /// What is behind the picture, as it is shown.
+    /// What is really behind the picture.
     view: View,
     /// Puts receivers in it into the light that the virtual geometry leaves them.
-    shaded: Option<ShadedView<'f>>,
+    receivers: Option<ReceiverLight<'f>>,
     framebuffer: Framebuffer,
     /// What stands in front of the picture, and the picture with it.
     mask: Option<(Mask, Vec<u32>)>,
@@ -42,7 +44,7 @@ impl<'f> FieldPainter<'f> {
         FieldPainter {
             relighter: Relighter::new(field, threads),
             view: View::new(width, height, view.pixels_bgrx),
-            shaded: None,
+            receivers: None,
             framebuffer: Framebuffer::new(width, height),
             mask: None,
             is_view_new: true,
@@ -53,8 +55,10 @@ impl<'f> FieldPainter<'f> {
 
     /// Puts what the view shows of the field's receivers into the shadow and the reflected light of the virtual geometry.
     pub fn show_receivers(&mut self, receivers: Option<Receivers<'f>>) {
-        let light = receivers.map(|receivers| ReceiverLight::new(&self.field, receivers));
-        self.shaded = light.map(|light| ShadedView::new(light, &self.view));
+        self.receivers = receivers.map(|receivers| ReceiverLight::new(&self.field, receivers));
+        if self.receivers.is_some() {
+            self.relighter.expect_live_view();
+        }
     }
 
     /// Shows the view in front of the picture where a mask says so.
@@ -69,8 +73,8 @@ impl<'f> FieldPainter<'f> {
     /// # Errors
     /// When the weights do not fit.
     pub fn relight_still(&mut self, then: &PatchWeights) -> Result<bool, WeightError> {
-        let Some(shaded) = &mut self.shaded else { return Ok(false) };
-        shaded.light_mut().set_still_light(then, self.view.pixels())
+        let Some(receivers) = &mut self.receivers else { return Ok(false) };
+        receivers.set_still_light(then, self.view.pixels())
     }
 
     /// Gets ready for a live view: what it shows first is composited only, like what comes later.
@@ -102,9 +106,9 @@ impl FieldPainter<'static> {
     /// When the system has no thread to give.
     pub fn trace_behind(&mut self, step_deg: f64) -> std::io::Result<()> {
         self.relighter.set_sun_step_deg(step_deg);
-        if let Some(shaded) = &mut self.shaded {
-            shaded.light_mut().set_sun_step_deg(step_deg);
-            shaded.light_mut().trace_behind()?;
+        if let Some(receivers) = &mut self.receivers {
+            receivers.set_sun_step_deg(step_deg);
+            receivers.trace_behind()?;
         }
         self.relighter.trace_behind()
     }
@@ -148,8 +152,8 @@ impl Painter for FieldPainter<'_> {
             None => (weights, None),
         };
         self.relighter.set_weights(weights, exposure)?;
-        if let Some(shaded) = &mut self.shaded {
-            shaded.light_mut().set_weights(weights, exposure)?;
+        if let Some(receivers) = &mut self.receivers {
+            receivers.set_weights(weights, exposure)?;
         }
         let waits = || self.relighter.awaits_sun().then(|| "the sun is being traced, and not shown yet".into());
         Ok(note.or_else(waits))
@@ -160,7 +164,7 @@ impl Painter for FieldPainter<'_> {
     }
 
     fn has_news(&mut self) -> bool {
-        self.relighter.has_news() | self.shaded.as_mut().is_some_and(|shaded| shaded.light_mut().has_news())
+        self.relighter.has_news() | self.receivers.as_mut().is_some_and(ReceiverLight::has_news)
     }
 
     fn wanted_exposure(&mut self) -> Option<f64> {
@@ -169,34 +173,34 @@ impl Painter for FieldPainter<'_> {
     }
 
     fn view_gain(&mut self) -> Option<ViewGain> {
-        self.shaded.as_mut()?.gain()
+        let receivers = self.receivers.as_mut()?;
+        receivers.follow();
+        receivers.gain(self.view.pixels())
     }
 
     fn draw(&mut self, damage: &mut Damage) -> anyhow::Result<FrameCounters> {
-        let receiver_tiles_drawn = self.shaded.as_mut().map_or(0, |shaded| shaded.follow(&mut self.view));
-        let counters = self.relighter.draw(&self.view, &mut self.framebuffer);
+        let receiver_tiles_drawn = self.receivers.as_mut().map_or(0, ReceiverLight::follow);
+        let shading = self.receivers.as_ref().map(ReceiverLight::shading);
+        let counters = self.relighter.draw_over(&Backdrop { view: &self.view, shading }, &mut self.framebuffer);
         self.relighter.take_damage(damage);
         let is_view_new = std::mem::take(&mut self.is_view_new) | (receiver_tiles_drawn > 0);
         if let Some((mask, shown)) = &mut self.mask {
             if is_view_new {
+                mask.relight(self.view.pixels(), shading.map(Shading::rest));
                 mask.mark(damage);
             }
-            let view = self.shaded.as_ref().and_then(ShadedView::unshaded).unwrap_or(self.view.pixels());
-            mask.put(damage, (&self.framebuffer.pixels, view), shown);
+            mask.put(damage, (&self.framebuffer.pixels, self.view.pixels()), shown);
         }
         Ok(FrameCounters { receiver_tiles_drawn, ..counters })
     }
 
     fn show_view(&mut self, pixels_bgrx: &mut Vec<u32>) {
         self.is_view_new = true;
-        match &mut self.shaded {
-            Some(shaded) => shaded.exchange(pixels_bgrx),
-            None => self.view.exchange(pixels_bgrx),
-        }
+        self.view.exchange(pixels_bgrx);
     }
 
     fn view_bgrx(&self) -> &[u32] {
-        self.shaded.as_ref().map_or(self.view.pixels(), ShadedView::real)
+        self.view.pixels()
     }
 
     fn pixels_bgrx(&self) -> &[u32] {

@@ -2,6 +2,7 @@
 
 use super::blocks::Block;
 use super::levels::Levels;
+use super::shading::Backdrop;
 use super::tiles::TileState;
 use relume_firmware::apart::UnpackedRows;
 use relume_firmware::bound::CodeSlope;
@@ -62,7 +63,7 @@ pub(super) struct Drawing<'a> {
     /// Is there a time budget? Then it is known what is drawn.
     pub(super) for_time: bool,
     pub(super) slope: &'a CodeSlope,
-    pub(super) view: u64,
+    pub(super) behind: Backdrop<'a>,
     pub(super) rank_limit: Option<usize>,
     /// Number of the light that is drawn.
     pub(super) moment: u64,
@@ -91,12 +92,14 @@ impl Drawing<'_> {
             let one = usize::from(!state.empty);
             let at = (column * TILE_PX, row * TILE_PX);
             let target = Target { surface: &mut surface, surface_y0: row * TILE_PX, at };
-            match self.fate(state) {
+            match self.fate(index, state) {
                 Fate::Stays if state.waits => drew.waiting += one,
                 Fate::Stays => drew.kept += one,
                 Fate::ChangesView => {
                     state.is_new = true;
-                    self.compositor.view_alone(tile, state.change_view(self.view), &mut linear, target);
+                    let (edges, shade) =
+                        (state.change_view(self.behind.version_of(index)), self.behind.shade_of(index));
+                    self.compositor.view_alone(tile, edges, &mut linear, shade, target);
                     *(if state.waits { &mut drew.waiting } else { &mut drew.composited }) += one;
                 }
                 Fate::IsDrawn => {
@@ -129,9 +132,9 @@ impl Drawing<'_> {
     }
 
     /// What becomes of a tile that was judged.
-    fn fate(&self, state: &TileState) -> Fate {
+    fn fate(&self, index: usize, state: &TileState) -> Fate {
         let light_stays = state.urgency == 0.0 || state.waits;
-        match (light_stays, state.shows_other_view(self.view)) {
+        match (light_stays, state.shows_other_view(self.behind.version_of(index))) {
             (true, false) => Fate::Stays,
             (true, true) if state.knows_edges() => Fate::ChangesView,
             _ => Fate::IsDrawn,
@@ -152,7 +155,8 @@ impl Drawing<'_> {
             light.prefetch(next, self.compositor.kernel);
         }
         let with = (shown.coefficients, &light);
-        let extent = self.compositor.tile((self.field, tile), with, linear, state.edges_mut(), target);
+        let (edges, shade) = (state.edges_mut(), self.behind.shade_of(tile.index));
+        let extent = self.compositor.tile((self.field, tile), with, linear, edges, shade, target);
         if state.empty || self.levels.bounds_on() {
             state.note(tile, self, (block, shown), Dimmest::of_extent(extent));
         }

@@ -4,6 +4,7 @@ use super::budget::Budget;
 use super::buffers::{Framebuffer, View};
 use super::counters::FrameCounters;
 use super::draw::{Drawing, Drew};
+use super::shading::{Backdrop, BackdropVersion};
 use super::tiles::TileState;
 use super::{Relighter, install};
 use rayon::prelude::*;
@@ -16,6 +17,11 @@ impl Relighter<'_> {
     /// drawn. Where a new view shows through tiles that may stay, only that is composited. View and framebuffer must have
     /// the field's size.
     pub fn draw(&mut self, view: &View, framebuffer: &mut Framebuffer) -> FrameCounters {
+        self.draw_over(&Backdrop { view, shading: None }, framebuffer)
+    }
+
+    /// The same over a view that is shaded.
+    pub fn draw_over(&mut self, behind: &Backdrop<'_>, framebuffer: &mut Framebuffer) -> FrameCounters {
         let started = if self.new_weights { self.started } else { Instant::now() };
         let (width, height) = (self.field.width(), self.field.height());
         if framebuffer.pixels.len() != width * height {
@@ -23,38 +29,44 @@ impl Relighter<'_> {
             self.redraw();
             self.states.iter_mut().for_each(|state| state.is_drawn = false);
         }
-        if let Some(still) = self.still(view) {
+        if let Some(still) = self.still(behind) {
             return still;
         }
-        self.look_at(view);
+        self.look_at(behind.view);
         let only_view = self.shown.is_some_and(|(_, _, moment)| self.settled && moment == self.moment);
-        self.catch_up(view.identity);
+        self.catch_up(Some(behind));
         if !only_view {
             self.find_standing();
         }
         if let Budget::Time(allowed) = self.budget {
-            self.choose(view, started, allowed);
+            self.choose(behind, started, allowed);
         }
         let drawing = Instant::now();
-        let mut drew = self.draw_tiles(view, framebuffer);
+        let mut drew = self.draw_tiles(behind, framebuffer);
         self.pace.follow(drawing.elapsed(), drew.drawn);
         if let Budget::ErrorCodes(codes) = self.budget {
-            drew = self.draw_within(codes, view, framebuffer, drew);
+            drew = self.draw_within(codes, behind, framebuffer, drew);
         }
         let counters = self.count(&drew);
         if !only_view || drew.drawn > 0 {
             self.remember_standing();
         }
         let finished = self.settled && drew.waiting == 0;
-        self.shown = finished.then_some((counters, view.identity, self.moment));
+        self.shown = finished.then_some((counters, behind.version(), self.moment));
         self.new_weights = false;
         counters
     }
 
     /// Draws again with more of the way back until no tile is off by more than `codes`, after a frame that `drew` so much.
-    fn draw_within(&mut self, codes: f32, view: &View, framebuffer: &mut Framebuffer, mut drew: Drew) -> Drew {
+    fn draw_within(
+        &mut self,
+        codes: f32,
+        behind: &Backdrop<'_>,
+        framebuffer: &mut Framebuffer,
+        mut drew: Drew,
+    ) -> Drew {
         while self.levels.bounds(&self.field).is_some() && self.raise_levels(codes) {
-            let again = self.draw_tiles(view, framebuffer);
+            let again = self.draw_tiles(behind, framebuffer);
             let (drawn, composited) = (drew.drawn + again.drawn, drew.composited + again.composited);
             drew = Drew { drawn, composited, ..again };
             drew.kept = self.counters.tiles.saturating_sub(drew.empty + drew.drawn + drew.composited);
@@ -89,13 +101,14 @@ impl Relighter<'_> {
             && !self.counters.sun_traced
     }
 
-    /// Projects the blocks that lag behind the newest weights and must be drawn all the same, before this view.
-    pub(super) fn catch_up(&mut self, view: u64) {
+    /// Projects the blocks that lag behind the newest weights and must be drawn all the same, before what is behind.
+    pub(super) fn catch_up(&mut self, behind: Option<&Backdrop<'_>>) {
+        let version = |tile: usize| behind.map_or(BackdropVersion::NONE, |behind| behind.version_of(tile));
         let (possible, response) = (self.may_stand(), self.field.response());
         let (field, levels, states) = ((&self.field, &*self.tiles), &self.levels, &self.states);
         for (index, block) in self.blocks.iter_mut().enumerate().filter(|(_, block)| block.lags()) {
             let stays = possible && block.standing.stays().is_some();
-            if !stays || response.tiles_of(index).any(|tile| states[tile].must_be_drawn(view)) {
+            if !stays || response.tiles_of(index).any(|tile| states[tile].must_be_drawn(version(tile))) {
                 block.standing.forget();
                 block.project(field, index, levels, self.kernel, false);
             }
@@ -161,9 +174,9 @@ impl Relighter<'_> {
     }
 
     /// The counters of a frame in which nothing has changed since the one before, if this is one.
-    fn still(&self, view: &View) -> Option<FrameCounters> {
-        let (last, shown_view, moment) = self.shown?;
-        let same = self.settled && shown_view == view.identity && moment == self.moment;
+    fn still(&self, behind: &Backdrop<'_>) -> Option<FrameCounters> {
+        let (last, version, moment) = self.shown?;
+        let same = self.settled && version == behind.version() && moment == self.moment;
         let kept = FrameCounters {
             tiles_drawn: 0,
             tiles_composited: 0,
@@ -180,9 +193,9 @@ impl Relighter<'_> {
     }
 
     /// Finds what has changed, and lets wait what does not get done in the time that is left.
-    fn choose(&mut self, view: &View, started: Instant, allowed: Duration) {
+    fn choose(&mut self, behind: &Backdrop<'_>, started: Instant, allowed: Duration) {
         let mut states = std::mem::take(&mut self.states);
-        self.with_drawing(view, |drawing| {
+        self.with_drawing(behind, |drawing| {
             let judge = |(index, state): (usize, &mut TileState)| drawing.judge(index, state);
             if self.alone {
                 states.iter_mut().enumerate().for_each(judge);
@@ -196,10 +209,10 @@ impl Relighter<'_> {
         self.choice.choose(&mut self.states, most);
     }
 
-    fn draw_tiles(&mut self, view: &View, framebuffer: &mut Framebuffer) -> Drew {
+    fn draw_tiles(&mut self, behind: &Backdrop<'_>, framebuffer: &mut Framebuffer) -> Drew {
         let (width, columns) = (self.field.width(), self.field.response().grid().0);
         let mut states = std::mem::take(&mut self.states);
-        let drew = self.with_drawing(view, |drawing| {
+        let drew = self.with_drawing(behind, |drawing| {
             let band =
                 |(row, (pixels, states)): (usize, (&mut [u32], &mut [TileState]))| drawing.band(row, pixels, states);
             let pixels = &mut framebuffer.pixels;
@@ -216,8 +229,8 @@ impl Relighter<'_> {
     }
 
     /// Works with what all tiles of a frame share.
-    pub(super) fn with_drawing<R>(&self, view: &View, work: impl FnOnce(&Drawing<'_>) -> R) -> R {
-        let (unpacked, count) = self.levels.unpacked();
+    pub(super) fn with_drawing<R>(&self, behind: &Backdrop<'_>, work: impl FnOnce(&Drawing<'_>) -> R) -> R {
+        let ((unpacked, count), view) = (self.levels.unpacked(), behind.view);
         work(&Drawing {
             field: &self.field,
             tiles: &self.tiles,
@@ -232,7 +245,7 @@ impl Relighter<'_> {
             unpacked: &unpacked[..count],
             for_time: matches!(self.budget, Budget::Time(_)),
             slope: &self.slope,
-            view: view.identity,
+            behind: *behind,
             rank_limit: self.rank_limit,
             moment: self.moment,
         })

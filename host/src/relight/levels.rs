@@ -43,10 +43,15 @@ struct Unpacked {
 }
 
 impl Unpacked {
+    /// Room for a patch of `field`, which the system does not give before it is written to.
+    fn room(field: &Field<'_>) -> Self {
+        let response = field.response();
+        let facts = vec![RowFacts::default(); response.tiles()];
+        Unpacked { patch: None, moment: 0, codes: vec![0; response.plane_len()], facts }
+    }
+
     fn fill(&mut self, field: &Field<'_>, tiles: &[Tile<'_>], patch: u16, kernel: Kernel) {
         let way_back = field.way_back();
-        self.codes.resize(field.response().plane_len(), 0);
-        self.facts.resize(tiles.len(), RowFacts::default());
         for (index, tile) in tiles.iter().enumerate() {
             // The rows of one patch are small and far from each other: memory is asked for a few tiles ahead.
             if index + 4 < tiles.len() {
@@ -73,9 +78,7 @@ impl Levels {
             stepped: false,
             has_way_back: field.way_back().bytes() > 0,
             bounds_on: true,
-            unpacked: (0..MAX_STANDOUTS)
-                .map(|_| Unpacked { patch: None, moment: 0, codes: Vec::new(), facts: Vec::new() })
-                .collect(),
+            unpacked: (0..MAX_STANDOUTS).map(|_| Unpacked::room(field)).collect(),
             moment: 0,
         }
     }

@@ -2,6 +2,7 @@
 
 use super::counters::FrameCounters;
 use super::draw::{Drawing, Drew};
+use super::shading::Backdrop;
 use super::{Relighter, View};
 use relume_firmware::relight::LinearTile;
 
@@ -14,11 +15,11 @@ impl Relighter<'_> {
     /// Brings the linear values of the newest weights (1 = display white) up to date in `light`: only of tiles that may change
     /// by half a code or more since they were written. [`Relighter::take_written`] tells which. Budgets do not count here.
     pub fn keep_light(&mut self, light: &mut [f32]) -> FrameCounters {
-        self.catch_up(0);
+        self.catch_up(None);
         self.find_standing();
         let mut states = std::mem::take(&mut self.states);
         let nothing = View::nothing();
-        let drew = self.with_drawing(&nothing, |drawing| {
+        let drew = self.with_drawing(&Backdrop { view: &nothing, shading: None }, |drawing| {
             let mut linear = LinearTile::new();
             let tiles = states.iter_mut().enumerate();
             tiles

@@ -1,11 +1,11 @@
-//! Receivers in front of the post: their light with the virtual geometry and without it -> factors -> the view in its shadow.
+//! Receivers in front of the post: their light with the virtual geometry and without it -> factors of the view.
 
 use super::reading::{power_of_two, white_light};
-use super::{Relighter, View};
+use super::{Relighter, Shading};
 use crate::view::gain::{ViewGain, middle};
 use crate::weights::PatchWeights;
 use relume_firmware::field::Field;
-use relume_firmware::receivers::{DARKEST, Receivers, factor_of_still, shaded, share_of_view};
+use relume_firmware::receivers::{DARKEST, Receivers, factor_of_still, share_of_view};
 use relume_firmware::tile::{TILE_PIXELS, TILE_PX};
 use relume_firmware::tone::ViewLight;
 use relume_firmware::weights::WeightError;
@@ -60,9 +60,9 @@ pub struct ReceiverLight<'f> {
     without: Relighter<'f>,
     /// Linear values of both, laid out like the row scales.
     light: [Vec<f32>; 2],
-    /// What the view is multiplied by, same layout.
-    factors: Vec<f32>,
-    /// Which part of the view's pixel is the receiver, `[tile][padded covered pixel]`: a third of that layout.
+    /// What the view is multiplied by.
+    shading: Shading,
+    /// Which part of the view's pixel is the receiver, `[tile][padded covered pixel]`: a third of the lights' layout.
     shares: Vec<f32>,
     exposure: f32,
     /// The light that the view was taken in, if that is not today's.
@@ -74,7 +74,7 @@ pub struct ReceiverLight<'f> {
     whole: Vec<WholePixel>,
     /// Room for the logarithms of their gains.
     logs: Vec<f64>,
-    /// `[tile]`: changed since the view was shaded last.
+    /// `[tile]`: has its light changed?
     changed: Vec<bool>,
     tone: ViewLight,
 }
@@ -96,13 +96,12 @@ impl<'f> ReceiverLight<'f> {
                 shares[tile.plane_at / 3 + k] = share_of_view(receiver, covered[place]);
             }
         }
-        let whole = whole_pixels(&with, &shares);
         ReceiverLight {
+            whole: whole_pixels(&with, &shares),
+            light: [vec![0.0; length], vec![0.0; length]],
+            shading: Shading::new((0..tiles).map(|index| with.tile(index).pixels() > 0)),
             with,
             without,
-            light: [vec![0.0; length], vec![0.0; length]],
-            factors: vec![1.0; length],
-            whole,
             logs: Vec::with_capacity(GAUGES),
             shares,
             exposure: 1.0,
@@ -166,7 +165,8 @@ impl<'f> ReceiverLight<'f> {
     }
 
     /// Linear light of `view` (1 = white) per radiance of the newest weights, from what it shows of the receivers; `None` where
-    /// that is too little. Like [`ReceiverLight::shade`] it counts from the last [`ReceiverLight::follow`] on.
+    /// that is too little. Of the last
+    /// [`ReceiverLight::follow`].
     pub fn gain(&mut self, view: &[u32]) -> Option<ViewGain> {
         let (mut gain, mut scatter) = ([0.0; 3], 0.0f64);
         for (channel, gain) in gain.iter_mut().enumerate() {
@@ -190,57 +190,42 @@ impl<'f> ReceiverLight<'f> {
         let [with, without] = &mut self.light;
         self.with.keep_light(with);
         self.without.keep_light(without);
-        let mut count = 0;
-        if self.is_rescaled {
-            self.changed.fill(true);
-        }
         let changed = &mut self.changed;
         let mut note = |tile: usize| changed[tile] = true;
         self.with.take_written(&mut note);
         self.without.take_written(&mut note);
-        for index in (0..self.changed.len()).filter(|&index| self.changed[index]) {
-            let tile = self.with.tile(index);
-            let (n, from) = (tile.padded_pixels(), tile.plane_at);
-            for channel in 0..3 {
-                for k in 0..n {
-                    let at = from + channel * n + k;
-                    let (with, without) = (self.light[0][at], self.light[1][at]);
-                    self.factors[at] = factor_of_still(with, without, self.shares[from / 3 + k], self.scales[channel]);
-                }
+        if std::mem::take(&mut self.is_rescaled) {
+            self.shading.set_rest(self.scales.map(|(_, rest)| rest));
+            self.changed.fill(true);
+        }
+        let mut count = 0;
+        for index in 0..self.changed.len() {
+            if std::mem::take(&mut self.changed[index]) {
+                count += usize::from(self.shade(index));
             }
-            count += usize::from(tile.pixels() > 0);
         }
         count
     }
 
-    /// Shades the view: `real` -> `shown`, of the field's size; where the factors have changed, or everywhere.
-    pub fn shade(&mut self, real: &[u32], shown: &mut [u32], everywhere: bool) {
-        let rest = self.scales.map(|(_, rest)| rest);
-        if std::mem::take(&mut self.is_rescaled) || everywhere && rest != [1.0; 3] {
-            // Every code once: most of a view is sky and far land.
-            let shade = |code: usize| shaded(0x0001_0101 * code as u32, rest, &self.tone).to_be_bytes();
-            let codes: [[u8; 4]; 256] = std::array::from_fn(shade);
-            for (shown, real) in shown.iter_mut().zip(real) {
-                let [_, r, g, b] = real.to_be_bytes().map(usize::from);
-                *shown = u32::from_be_bytes([0, codes[r][1], codes[g][2], codes[b][3]]);
-            }
-        } else if everywhere {
-            shown.copy_from_slice(real);
-        }
-        let (width, columns) = (self.with.field().width(), self.with.field().response().grid().0);
-        for index in 0..self.changed.len() {
-            if !std::mem::take(&mut self.changed[index]) && !everywhere {
-                continue;
-            }
-            let tile = self.with.tile(index);
-            let (n, from) = (tile.padded_pixels(), tile.plane_at);
-            let corner = index / columns * TILE_PX * width + index % columns * TILE_PX;
+    /// Finds the factors of a tile anew; false where it has no receivers.
+    fn shade(&mut self, index: usize) -> bool {
+        let tile = self.with.tile(index);
+        let (n, from) = (tile.padded_pixels(), tile.plane_at);
+        let Some(factors) = self.shading.change(index) else { return false };
+        for (channel, factors) in factors.iter_mut().enumerate() {
+            let (at, scales) = (from + channel * n, self.scales[channel]);
+            factors.fill(scales.1);
             for (k, place) in tile.covered().enumerate() {
-                let at = corner + place / TILE_PX * width + place % TILE_PX;
-                let factors = std::array::from_fn(|channel| self.factors[from + channel * n + k]);
-                shown[at] = shaded(real[at], factors, &self.tone);
+                let (with, without) = (self.light[0][at + k], self.light[1][at + k]);
+                factors[place] = factor_of_still(with, without, self.shares[from / 3 + k], scales);
             }
         }
+        true
+    }
+
+    /// What the view is multiplied by, as of the last [`ReceiverLight::follow`].
+    pub fn shading(&self) -> &Shading {
+        &self.shading
     }
 }
 
@@ -272,60 +257,5 @@ impl ReceiverLight<'static> {
     pub fn trace_behind(&mut self) -> std::io::Result<()> {
         self.with.trace_behind()?;
         self.without.trace_behind()
-    }
-}
-
-/// The view as it is and as it is shown.
-pub struct ShadedView<'f> {
-    light: ReceiverLight<'f>,
-    /// As it is.
-    real: Vec<u32>,
-    /// Has it changed since it was shaded?
-    is_new: bool,
-}
-
-impl<'f> ShadedView<'f> {
-    /// Of a view.
-    pub fn new(light: ReceiverLight<'f>, view: &View) -> Self {
-        ShadedView { light, real: view.pixels().to_vec(), is_new: true }
-    }
-
-    /// The receivers.
-    pub fn light_mut(&mut self) -> &mut ReceiverLight<'f> {
-        &mut self.light
-    }
-
-    /// The view as it is.
-    pub fn real(&self) -> &[u32] {
-        &self.real
-    }
-
-    /// What the view shows of everything but receivers; `None` where a still is relit as a whole.
-    pub fn unshaded(&self) -> Option<&[u32]> {
-        self.light.still.is_none().then_some(&self.real)
-    }
-
-    /// Exchanges the pixels of the view. Pixels of another size are left where they are.
-    pub fn exchange(&mut self, pixels: &mut Vec<u32>) {
-        if pixels.len() == self.real.len() {
-            std::mem::swap(&mut self.real, pixels);
-            self.is_new = true;
-        }
-    }
-
-    /// See [`ReceiverLight::gain`].
-    pub fn gain(&mut self) -> Option<ViewGain> {
-        self.light.follow();
-        self.light.gain(&self.real)
-    }
-
-    /// Brings `view` up to date, if there is anything new; how many tiles of receivers have changed.
-    pub fn follow(&mut self, view: &mut View) -> usize {
-        let changed = self.light.follow();
-        if changed > 0 || self.is_new {
-            self.light.shade(&self.real, view.pixels_mut(), self.is_new);
-            self.is_new = false;
-        }
-        changed
     }
 }

@@ -2,6 +2,7 @@
 
 use super::blocks::Block;
 use super::draw::Drawing;
+use super::shading::BackdropVersion;
 use super::standing::Stand;
 use relume_firmware::coefficients::{Sides, TileReach};
 use relume_firmware::drawn::{Dimmest, DrawnTile, HALF_CODE, Off, ShownLight, SunDrift, dark_shares};
@@ -17,7 +18,7 @@ pub(super) struct TileState {
     /// The newest moment whose light the tile was found to show.
     moment: u64,
     level: usize,
-    view: u64,
+    view: BackdropVersion,
     pub(super) sun: SunDrift,
     /// How much the tile must be drawn: 0 if it may stay, the codes it may be off by times the frames it is so already, or
     /// infinite if nothing is known.
@@ -56,7 +57,7 @@ impl TileState {
             is_drawn: false,
             moment: 0,
             level: 0,
-            view: 0,
+            view: BackdropVersion::NONE,
             sun: SunDrift::default(),
             urgency: f32::INFINITY,
             waits: false,
@@ -91,7 +92,7 @@ impl TileState {
     }
 
     /// Does another view show through the tile than this one?
-    pub(super) fn shows_other_view(&self, view: u64) -> bool {
+    pub(super) fn shows_other_view(&self, view: BackdropVersion) -> bool {
         self.shows_view && self.view != view
     }
 
@@ -101,7 +102,7 @@ impl TileState {
     }
 
     /// Notes that another view is put behind it; the light of its edge pixels.
-    pub(super) fn change_view(&mut self, view: u64) -> &[f32] {
+    pub(super) fn change_view(&mut self, view: BackdropVersion) -> &[f32] {
         self.view = view;
         &self.edges
     }
@@ -160,7 +161,7 @@ impl TileState {
         self.drawn.set(light, dimmest);
         (self.is_drawn, self.moment) = (true, drawing.moment);
         self.frames_waited = 0;
-        (self.level, self.view) = (block.level, drawing.view);
+        (self.level, self.view) = (block.level, drawing.behind.version_of(tile.index));
         self.sun.reset();
         (self.moved, self.drawn_now) = (Some(Default::default()), true);
         self.note_bound(drawing, Off::of((drawing.field, tile), light, (&block.coefficients, &block.bound)));
@@ -176,7 +177,7 @@ impl TileState {
     }
 
     /// Will it be drawn whatever the light of its block, before this view?
-    pub(super) fn must_be_drawn(&self, view: u64) -> bool {
+    pub(super) fn must_be_drawn(&self, view: BackdropVersion) -> bool {
         !self.empty && (!self.is_drawn || self.shows_other_view(view) && !self.knows_edges())
     }
 

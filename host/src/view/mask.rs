@@ -2,6 +2,7 @@
 
 use super::ViewError;
 use crate::damage::Damage;
+use relume_firmware::receivers::shaded;
 use relume_firmware::surface::xrgb;
 use relume_firmware::tile::TILE_PX;
 use relume_firmware::tone::{ViewLight, code};
@@ -15,6 +16,8 @@ pub struct Mask {
     /// Tiles that have any.
     tiles: Vec<usize>,
     light: ViewLight,
+    /// What stands in front in today's light, where the view is a still of another; empty: as the view shows it.
+    relit: Vec<u32>,
 }
 
 impl Mask {
@@ -43,7 +46,16 @@ impl Mask {
             .collect();
         tiles.sort_unstable();
         tiles.dedup();
-        Mask { width, shares, tiles, light: ViewLight::new() }
+        Mask { width, shares, tiles, light: ViewLight::new(), relit: Vec::new() }
+    }
+
+    /// Multiplies the light of what stands in front, as `view` shows it, by `factors` of red, green and blue.
+    pub fn relight(&mut self, view: &[u32], factors: Option<[f32; 3]>) {
+        self.relit.clear();
+        if let Some(factors) = factors.filter(|factors| *factors != [1.0; 3]) {
+            let lit = |(&view, &share): (&u32, &u8)| if share == 0 { view } else { shaded(view, factors, &self.light) };
+            self.relit.extend(view.iter().zip(&self.shares).map(lit));
+        }
     }
 
     /// Marks the tiles in which another view shows.
@@ -53,6 +65,7 @@ impl Mask {
 
     /// What is marked of `picture`, with `view` in front, to `shown`; in linear light.
     pub fn put(&self, damage: &Damage, (picture, view): (&[u32], &[u32]), shown: &mut [u32]) {
+        let view = if self.relit.is_empty() { view } else { &self.relit };
         for (rows, columns) in damage.areas() {
             for row in rows {
                 let place = row * self.width + columns.start..row * self.width + columns.end;
@@ -95,5 +108,20 @@ mod tests {
         // 127 of 255 of white's light are code 187; tile 1 was not marked.
         assert_eq!([shown[0], shown[1], shown[2], shown[339]], [0x00ff_ffff, 0, 0x00bb_bbbb, 0]);
         assert_eq!(shown[17], 7);
+    }
+
+    #[test]
+    fn in_other_light_it_is_shown_in_that() {
+        let mut mask = Mask::new(16, vec![255; 256]);
+        let mut damage = Damage::none(16, 16);
+        mask.mark(&mut damage);
+        let (view, mut shown) = (vec![0x00ff_ffff; 256], vec![7; 256]);
+        for (factors, expected) in
+            [(Some([0.5, 1.0, 0.0]), 0x00bc_ff00), (Some([1.0; 3]), 0x00ff_ffff), (None, 0x00ff_ffff)]
+        {
+            mask.relight(&view, factors);
+            mask.put(&damage, (&[0; 256], &view), &mut shown);
+            assert_eq!(shown, [expected; 256]);
+        }
     }
 }
