@@ -35,9 +35,9 @@ impl ViewPixels<'_> {
     }
 }
 
-/// What the view's linear light is multiplied by in one tile ([`crate::receivers`]): a factor for each of its 256 places, row by
-/// row, of red, green and blue. Finite.
-pub type TileShade<'a> = [&'a [f32; TILE_PIXELS]; 3];
+/// What the view's linear light is multiplied by in one tile: the logarithm of a factor ([`crate::shade`]) for each of its 256
+/// places, row by row, of red, green and blue.
+pub type TileShade<'a> = [&'a [u16; TILE_PIXELS]; 3];
 
 /// What all tiles of a frame are composited with.
 #[derive(Clone, Copy, Debug)]
@@ -157,12 +157,12 @@ impl Compositor<'_> {
         room: &'b mut [u32; TILE_PIXELS],
     ) -> Behind<'b> {
         let shows = tile.pixels() < TILE_PIXELS || tile.coverage.is_some();
-        let Some(factors) = shade.filter(|_| shows) else { return Behind { view: self.view, at: (x0, y0) } };
+        let Some(log_factors) = shade.filter(|_| shows) else { return Behind { view: self.view, at: (x0, y0) } };
         let width = TILE_PX.min(self.view.stride.saturating_sub(x0));
         for (row, room) in room.chunks_exact_mut(TILE_PX).enumerate() {
             self.view.copy_row(x0, y0 + row, &mut room[..width]);
         }
-        self.kernel.shade(room, factors.map(|plane| plane.as_slice()), self.light);
+        self.kernel.shade(room, log_factors.map(|plane| plane.as_slice()));
         Behind { view: ViewPixels { pixels_xrgb: room, stride: TILE_PX }, at: (0, 0) }
     }
 

@@ -225,24 +225,24 @@ impl Kernel {
         }
     }
 
-    /// Multiplies the view's linear light by factors, in place: per channel [`crate::tone::code`] of the code's light times the
-    /// factor, which must be finite. For a multiple of 16 pixels, 0x00RRGGBB.
+    /// Multiplies the view's linear light by factors, given by their logarithms ([`crate::shade`]), in place. For a multiple of
+    /// 16 pixels, 0x00RRGGBB.
     ///
     /// # Panics
     /// If the slices' lengths differ or are no multiple of 16.
-    pub fn shade(self, pixels_xrgb: &mut [u32], factors: [&[f32]; 3], light: &ViewLight) {
+    pub fn shade(self, pixels_xrgb: &mut [u32], log_factors: [&[u16]; 3]) {
         let n = pixels_xrgb.len();
-        assert!(n.is_multiple_of(16) && factors.iter().all(|plane| plane.len() == n));
+        assert!(n.is_multiple_of(16) && log_factors.iter().all(|plane| plane.len() == n));
         match self.0 {
-            Path::Scalar => shade::scalar(pixels_xrgb, factors, light),
+            Path::Scalar => shade::scalar(pixels_xrgb, log_factors),
             // SAFETY: `Kernel` holds these paths only where the processor has AVX2; the lengths were checked above.
             #[cfg(target_arch = "x86_64")]
             #[allow(unsafe_code)]
-            Path::Avx2 | Path::Avx512 => unsafe { shade::avx2(pixels_xrgb, factors, light) },
+            Path::Avx2 | Path::Avx512 => unsafe { shade::avx2(pixels_xrgb, log_factors) },
             // SAFETY: NEON is part of the aarch64 baseline; the lengths were checked above.
             #[cfg(target_arch = "aarch64")]
             #[allow(unsafe_code)]
-            Path::Neon | Path::NeonDot => unsafe { shade::neon(pixels_xrgb, factors, light) },
+            Path::Neon | Path::NeonDot => unsafe { shade::neon(pixels_xrgb, log_factors) },
         }
     }
 

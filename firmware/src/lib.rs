@@ -27,6 +27,7 @@ pub mod patches;
 pub mod pixelpoints;
 pub mod receivers;
 pub mod relight;
+pub mod shade;
 pub mod sunlight;
 pub mod surface;
 pub mod tile;

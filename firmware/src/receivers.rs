@@ -5,8 +5,7 @@
 //! radiance premultiplied by it. What a real picture of the receivers has to be multiplied by is the one over the other.
 
 use crate::field::{Field, FieldError, LayerKind, find_layer};
-use crate::surface::xrgb;
-use crate::tone::{self, ViewLight};
+use crate::shade::BRIGHTEST;
 
 /// Layers that RCVW leaves to the field around it: the light meets the same surfaces.
 pub const SHARED: [LayerKind; 2] = [*b"CAST", *b"CBVH"];
@@ -53,9 +52,6 @@ impl<'a> Receivers<'a> {
 
 /// Shares of the light of a white surface below which receivers are taken for dark: what is there of it is rounding.
 pub const DARKEST: f32 = 1.0 / 2048.0;
-/// No receiver gets brighter than by this.
-pub const BRIGHTEST: f32 = 16.0;
-
 /// What the light of a receiver is multiplied by because of the virtual geometry: `share` of it, of linear light `with` and
 /// `without` that (1 = what a white surface shows in the open), both premultiplied by the same coverage. Nothing is made of
 /// light so weak that it is rounding.
@@ -78,15 +74,6 @@ pub fn factor_of_still(with: f32, without: f32, share: f32, (receiver, rest): (f
 pub fn share_of_view(receiver: u8, covered: u8) -> f32 {
     let real = 255 - covered;
     if real == 0 { 0.0 } else { (f32::from(receiver) / f32::from(real)).min(1.0) }
-}
-
-/// A pixel of the view (0x00RRGGBB, sRGB), its linear light multiplied by `factors` of red, green and blue: what
-/// [`crate::kernel::Kernel::shade`] does.
-#[inline]
-pub fn shaded(view_xrgb: u32, factors: [f32; 3], light: &ViewLight) -> u32 {
-    let [_, r, g, b] = view_xrgb.to_be_bytes();
-    let shade = |code: u8, factor: f32| tone::code(light.linear(code) * factor);
-    xrgb([shade(r, factors[0]), shade(g, factors[1]), shade(b, factors[2])])
 }
 
 #[cfg(test)]
@@ -117,16 +104,5 @@ mod tests {
     fn what_a_receiver_is_of_the_view_counts_what_is_in_front() {
         assert_eq!([share_of_view(255, 0), share_of_view(128, 127), share_of_view(51, 0)], [1.0, 1.0, 0.2]);
         assert_eq!(share_of_view(0, 255), 0.0);
-    }
-
-    #[test]
-    fn the_view_is_shaded_in_linear_light() {
-        let light = ViewLight::new();
-        // Half of white is code 188, of code 188 code 137 (sRGB).
-        assert_eq!(shaded(0x00ff_bcff, [0.5, 0.5, 1.0], &light), 0x00bc_89ff);
-        assert_eq!(shaded(0x00ff_8000, [2.0, 1.0, 3.0], &light), 0x00ff_8000);
-        for code in 0..=255 {
-            assert_eq!(shaded(code, [1.0; 3], &light), code);
-        }
     }
 }

@@ -9,6 +9,8 @@ pub const LINEAR_SLOPE: f32 = 12.92 * 255.0;
 /// Steepest slope of the curve over the square root of light: where its straight part ends, `2 sqrt(0.0031308)` times
 /// [`LINEAR_SLOPE`] is 368.7.
 pub const ROOT_SLOPE: f32 = 369.0;
+/// Binary places of a logarithm within its octave.
+pub const LOG_BINARY_PLACES: u32 = 12;
 /// Bits dropped from a float to leave 12 of its mantissa.
 pub const LOG_SHIFT: i32 = 11;
 /// What 2^-16 is then; 1 is 65536 above it.
@@ -16,10 +18,13 @@ pub const LOG_BIAS: i32 = (127 - 16) << 12;
 /// Binary places of a cubic's value in codes.
 pub const CODE_SHIFT: i32 = 7;
 
+/// Coefficients `[c0, c1, h2, c3]` of cubics in 16-bit fixed point, one for each of 16 segments; `h2` and `c3` fit bytes.
+pub type Cubics = [[i16; 4]; 16];
+
 /// Per octave `[c0, c1, h2, c3]`: `c0 + s (c1 + s (s c3 - 2 h2))` is the code in 1/128, with the half for rounding
 /// included, and s is the place within the octave, -1..1. Fitted for the least largest error in this very arithmetic:
 /// at most 0.035 codes from the exact curve.
-pub const CUBICS: [[i16; 4]; 16] = [
+pub const CUBICS: Cubics = [
     [76, 2, 2, 3],
     [83, 6, 0, 0],
     [103, 13, 0, 0],
@@ -38,15 +43,61 @@ pub const CUBICS: [[i16; 4]; 16] = [
     [28818, 4240, 215, 79],
 ];
 
-/// One byte of each octave's coefficient, as tables in registers hold it.
-pub const fn coefficient_bytes(which: usize, byte: usize) -> [u8; 16] {
+/// [`Cubics`] byte by byte, as tables in registers hold them: the upper bytes only where there are any.
+#[derive(Clone, Copy, Debug)]
+pub struct CubicBytes {
+    /// Low and high bytes.
+    pub c0: [[u8; 16]; 2],
+    /// The same.
+    pub c1: [[u8; 16]; 2],
+    /// Half of c2.
+    pub h2: [u8; 16],
+    /// The last.
+    pub c3: [u8; 16],
+}
+
+impl CubicBytes {
+    /// Of these cubics.
+    pub const fn of(cubics: &Cubics) -> Self {
+        CubicBytes {
+            c0: [bytes_of(cubics, 0, 0), bytes_of(cubics, 0, 1)],
+            c1: [bytes_of(cubics, 1, 0), bytes_of(cubics, 1, 1)],
+            h2: bytes_of(cubics, 2, 0),
+            c3: bytes_of(cubics, 3, 0),
+        }
+    }
+}
+
+/// Low and high bytes of a table.
+pub const fn low_and_high(table: &[u16; 16]) -> [[u8; 16]; 2] {
+    let mut bytes = [[0; 16]; 2];
+    let mut at = 0;
+    while at < 16 {
+        [bytes[0][at], bytes[1][at]] = table[at].to_le_bytes();
+        at += 1;
+    }
+    bytes
+}
+
+const fn bytes_of(cubics: &Cubics, which: usize, byte: usize) -> [u8; 16] {
     let mut table = [0; 16];
-    let mut octave = 0;
-    while octave < 16 {
-        table[octave] = CUBICS[octave][which].to_le_bytes()[byte];
-        octave += 1;
+    let mut segment = 0;
+    while segment < 16 {
+        assert!(which < 2 || (cubics[segment][which] >= 0 && cubics[segment][which] < 256));
+        table[segment] = cubics[segment][which].to_le_bytes()[byte];
+        segment += 1;
     }
     table
+}
+
+/// `c0 + s (c1 + s (s c3 - 2 h2))` of a segment, modulo 2^16, with `+ 2 h2` where the curve bends `UP`; `place` is s in
+/// 1/32768, products are rounded.
+#[inline]
+pub(crate) fn cubic<const UP: bool>(cubics: &Cubics, segment: u8, place: i16) -> i16 {
+    let [c0, c1, h2, c3] = cubics[usize::from(segment)];
+    let product = |a: i16| ((i32::from(a) * i32::from(place) + 0x4000) >> 15) as i16;
+    let inner = if UP { product(c3) + 2 * h2 } else { product(c3) - 2 * h2 };
+    c0.wrapping_add(product(c1 + product(inner)))
 }
 
 /// The 8-bit sRGB code of linear light: the plain sRGB curve (IEC 61966-2-1), clamped and rounded.
@@ -71,10 +122,7 @@ pub(crate) fn log16(linear: f32) -> u16 {
 /// Code plus a half, in 1/128.
 #[inline]
 fn code_q7(log16: u16) -> i16 {
-    let [c0, c1, h2, c3] = CUBICS[usize::from(log16 >> 12)];
-    let place = (log16 << 4 ^ 0x8000) as i16;
-    let product = |a: i16| ((i32::from(a) * i32::from(place) + 0x4000) >> 15) as i16;
-    c0 + product(c1 + product(product(c3) - 2 * h2))
+    cubic::<false>(&CUBICS, (log16 >> LOG_BINARY_PLACES) as u8, (log16 << 4 ^ 0x8000) as i16)
 }
 
 /// sRGB code (0..=255, not rounded) of linear light 0..=1 (IEC 61966-2-1).

@@ -49,6 +49,7 @@ mod sums;
 mod tilemap;
 
 pub use arbitrary::{LightsReport, OneLight, SinglePatches};
+pub use bandwidth::{Bandwidth, read_bandwidth};
 pub use bounds::{BoundsReport, SkyBounds};
 pub use budget::Budget;
 pub use clock::{cpu_s, median};

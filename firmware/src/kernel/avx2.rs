@@ -2,7 +2,7 @@
 
 use super::job::planes;
 use super::{Extent, Linear, Projection, Reconstruction, Shown};
-use crate::tone::{CODE_SHIFT, LOG_BIAS, LOG_SHIFT, coefficient_bytes};
+use crate::tone::{CODE_SHIFT, CUBICS, CubicBytes, LOG_BIAS, LOG_SHIFT};
 use core::arch::x86_64::*;
 
 /// # Safety
@@ -200,14 +200,24 @@ pub unsafe fn tone(linear: [&[f32]; 3], out_xrgb: &mut [u32]) {
     }
 }
 
-/// Sixteen pixels' codes as 0x00RRGGBB.
+/// Sixteen pixels as 0x00RRGGBB, of their logarithms.
 ///
 /// # Safety
 /// AVX2; room for 16 words at `out`.
 #[target_feature(enable = "avx2")]
 #[inline]
-pub(super) unsafe fn show(logs: [__m256i; 3], out: *mut u32) {
-    let [r, g, b] = logs.map(|logs| codes(logs));
+unsafe fn show(logs: [__m256i; 3], out: *mut u32) {
+    // SAFETY: as the caller promises.
+    unsafe { write(logs.map(|logs| codes(logs)), out) }
+}
+
+/// Sixteen pixels' codes, in the order of [`log16`], as 0x00RRGGBB.
+///
+/// # Safety
+/// AVX2; room for 16 words at `out`.
+#[target_feature(enable = "avx2")]
+#[inline]
+pub(super) unsafe fn write([r, g, b]: [__m256i; 3], out: *mut u32) {
     let gb = _mm256_or_si256(_mm256_slli_epi16::<8>(g), b);
     // Unpacking undoes the order that packing left.
     // SAFETY: as the caller promises.
@@ -220,7 +230,7 @@ pub(super) unsafe fn show(logs: [__m256i; 3], out: *mut u32) {
 /// The scalar path's `log16` of 16 pixels, ordered 0..4, 8..12, 4..8, 12..16.
 #[target_feature(enable = "avx2")]
 #[inline]
-pub(super) fn log16(linear: Pixels) -> __m256i {
+fn log16(linear: Pixels) -> __m256i {
     let [low, high] = linear
         .map(|v| _mm256_sub_epi32(_mm256_srai_epi32::<LOG_SHIFT>(_mm256_castps_si256(v)), _mm256_set1_epi32(LOG_BIAS)));
     _mm256_packus_epi32(low, high)
@@ -231,25 +241,32 @@ pub(super) fn log16(linear: Pixels) -> __m256i {
 #[inline]
 fn codes(log: __m256i) -> __m256i {
     let place = _mm256_xor_si256(_mm256_slli_epi16::<4>(log), _mm256_set1_epi16(-0x8000));
-    // The octave in the low or the high byte of each lane; a set top bit makes the other byte zero.
-    let octave = _mm256_srli_epi16::<12>(log);
-    let low = _mm256_or_si256(octave, _mm256_set1_epi16(-0x8000));
-    let high = _mm256_or_si256(_mm256_slli_epi16::<8>(octave), _mm256_set1_epi16(0x80));
-    let wide = |low_bytes: &[u8; 16], high_bytes: &[u8; 16]| {
+    let q7 = cubic::<false>(const { &CubicBytes::of(&CUBICS) }, _mm256_srli_epi16::<12>(log), place);
+    _mm256_srli_epi16::<CODE_SHIFT>(q7)
+}
+
+/// [`crate::tone::cubic`] of 16 lanes.
+#[target_feature(enable = "avx2")]
+#[inline]
+pub(super) fn cubic<const UP: bool>(bytes: &CubicBytes, segment: __m256i, place: __m256i) -> __m256i {
+    // The segment in the low or the high byte of each lane; a set top bit makes the other byte zero.
+    let low = _mm256_or_si256(segment, _mm256_set1_epi16(-0x8000));
+    let high = _mm256_or_si256(_mm256_slli_epi16::<8>(segment), _mm256_set1_epi16(0x80));
+    let wide = |[low_bytes, high_bytes]: &[[u8; 16]; 2]| {
         _mm256_or_si256(_mm256_shuffle_epi8(table(low_bytes), low), _mm256_shuffle_epi8(table(high_bytes), high))
     };
-    let c3 = _mm256_shuffle_epi8(table(const { &coefficient_bytes(3, 0) }), low);
-    let h2 = _mm256_shuffle_epi8(table(const { &coefficient_bytes(2, 0) }), low);
-    let c1 = wide(const { &coefficient_bytes(1, 0) }, const { &coefficient_bytes(1, 1) });
-    let c0 = wide(const { &coefficient_bytes(0, 0) }, const { &coefficient_bytes(0, 1) });
-    let inner = _mm256_sub_epi16(_mm256_mulhrs_epi16(c3, place), _mm256_add_epi16(h2, h2));
+    let c3 = _mm256_shuffle_epi8(table(&bytes.c3), low);
+    let h2 = _mm256_shuffle_epi8(table(&bytes.h2), low);
+    let (c1, c0) = (wide(&bytes.c1), wide(&bytes.c0));
+    let (first, c2) = (_mm256_mulhrs_epi16(c3, place), _mm256_add_epi16(h2, h2));
+    let inner = if UP { _mm256_add_epi16(first, c2) } else { _mm256_sub_epi16(first, c2) };
     let middle = _mm256_add_epi16(c1, _mm256_mulhrs_epi16(inner, place));
-    _mm256_srli_epi16::<CODE_SHIFT>(_mm256_add_epi16(c0, _mm256_mulhrs_epi16(middle, place)))
+    _mm256_add_epi16(c0, _mm256_mulhrs_epi16(middle, place))
 }
 
 #[target_feature(enable = "avx2")]
 #[inline]
-fn table(bytes: &[u8; 16]) -> __m256i {
+pub(super) fn table(bytes: &[u8; 16]) -> __m256i {
     // SAFETY: the table holds 16 bytes.
     _mm256_broadcastsi128_si256(unsafe { _mm_loadu_si128(bytes.as_ptr().cast()) })
 }

@@ -2,7 +2,7 @@
 
 use super::job::planes;
 use super::{Extent, Linear, Projection, Reconstruction, Shown};
-use crate::tone::{CODE_SHIFT, LOG_BIAS, LOG_SHIFT, coefficient_bytes};
+use crate::tone::{CODE_SHIFT, CUBICS, CubicBytes, LOG_BIAS, LOG_SHIFT};
 use core::arch::aarch64::*;
 
 /// # Safety
@@ -211,9 +211,20 @@ pub unsafe fn tone(linear: [&[f32]; 3], out_xrgb: &mut [u32]) {
 /// The scalar path's `log16`. Subtracting saturates, so that no negative float wraps; narrowing saturates to 0..=65535.
 #[target_feature(enable = "neon")]
 #[inline]
-pub(super) fn log16(value: Pixels) -> uint16x8_t {
+fn log16(value: Pixels) -> uint16x8_t {
     let above = |v: float32x4_t| vqsubq_s32(vreinterpretq_s32_f32(v), vdupq_n_s32(LOG_BIAS << LOG_SHIFT));
     vqshrun_high_n_s32::<LOG_SHIFT>(vqshrun_n_s32::<LOG_SHIFT>(above(value[0])), above(value[1]))
+}
+
+/// Sixteen pixels as 0x00RRGGBB, of their logarithms.
+///
+/// # Safety
+/// Room for 16 words at `out`.
+#[target_feature(enable = "neon")]
+#[inline]
+unsafe fn show(logs: [[uint16x8_t; 2]; 3], out: *mut u32) {
+    // SAFETY: as the caller promises.
+    unsafe { write(logs.map(|logs| codes(logs)), out) }
 }
 
 /// Sixteen pixels' codes as 0x00RRGGBB.
@@ -222,8 +233,7 @@ pub(super) fn log16(value: Pixels) -> uint16x8_t {
 /// Room for 16 words at `out`.
 #[target_feature(enable = "neon")]
 #[inline]
-pub(super) unsafe fn show(logs: [[uint16x8_t; 2]; 3], out: *mut u32) {
-    let [r, g, b] = logs.map(|logs| codes(logs));
+pub(super) unsafe fn write([r, g, b]: [uint8x16_t; 3], out: *mut u32) {
     let gb = [vreinterpretq_u16_u8(vzip1q_u8(b, g)), vreinterpretq_u16_u8(vzip2q_u8(b, g))];
     let r = [vmovl_u8(vget_low_u8(r)), vmovl_high_u8(r)];
     for half in 0..2 {
@@ -240,15 +250,34 @@ pub(super) unsafe fn show(logs: [[uint16x8_t; 2]; 3], out: *mut u32) {
 #[target_feature(enable = "neon")]
 #[inline]
 fn codes(logs: [uint16x8_t; 2]) -> uint8x16_t {
+    codes_by::<false>(const { &CubicBytes::of(&CUBICS) }, logs)
+}
+
+/// Codes of 16 logarithms by the cubic of each octave.
+#[target_feature(enable = "neon")]
+#[inline]
+pub(super) fn codes_by<const UP: bool>(bytes: &CubicBytes, logs: [uint16x8_t; 2]) -> uint8x16_t {
     let octave = vshrq_n_u8::<4>(vuzp2q_u8(vreinterpretq_u8_u16(logs[0]), vreinterpretq_u8_u16(logs[1])));
-    let bytes = |which: &[u8; 16]| {
-        // SAFETY: the table holds 16 bytes.
-        vqtbl1q_u8(unsafe { vld1q_u8(which.as_ptr()) }, octave)
-    };
-    let c3 = bytes(const { &coefficient_bytes(3, 0) });
-    let h2 = bytes(const { &coefficient_bytes(2, 0) });
-    let c1 = [bytes(const { &coefficient_bytes(1, 0) }), bytes(const { &coefficient_bytes(1, 1) })];
-    let c0 = [bytes(const { &coefficient_bytes(0, 0) }), bytes(const { &coefficient_bytes(0, 1) })];
+    let place = logs.map(|logs| vreinterpretq_s16_u16(veorq_u16(vshlq_n_u16::<4>(logs), vdupq_n_u16(0x8000))));
+    let [low, high] = cubic::<UP>(bytes, octave, place);
+    vshrn_high_n_u16::<CODE_SHIFT>(vshrn_n_u16::<CODE_SHIFT>(low), high)
+}
+
+/// One byte of a table for each of 16 lanes; 0 beyond its end.
+#[target_feature(enable = "neon")]
+#[inline]
+pub(super) fn looked_up(bytes: &[u8; 16], at: uint8x16_t) -> uint8x16_t {
+    // SAFETY: the table holds 16 bytes.
+    vqtbl1q_u8(unsafe { vld1q_u8(bytes.as_ptr()) }, at)
+}
+
+/// [`crate::tone::cubic`] of 16 lanes.
+#[target_feature(enable = "neon")]
+#[inline]
+pub(super) fn cubic<const UP: bool>(bytes: &CubicBytes, segment: uint8x16_t, place: [int16x8_t; 2]) -> [uint16x8_t; 2] {
+    let (c3, h2) = (looked_up(&bytes.c3, segment), looked_up(&bytes.h2, segment));
+    let c1 = [looked_up(&bytes.c1[0], segment), looked_up(&bytes.c1[1], segment)];
+    let c0 = [looked_up(&bytes.c0[0], segment), looked_up(&bytes.c0[1], segment)];
     let c3 = [vmovl_u8(vget_low_u8(c3)), vmovl_high_u8(c3)];
     let c2 = [vshll_n_u8::<1>(vget_low_u8(h2)), vshll_high_n_u8::<1>(h2)];
     // Widening as they add costs less than putting low and high bytes together.
@@ -260,15 +289,13 @@ fn codes(logs: [uint16x8_t; 2]) -> uint8x16_t {
             vaddq_u16(vaddw_high_u8(to, low), vshll_high_n_u8::<8>(high))
         })
     };
-    let q7 = |half: usize| {
-        let place = veorq_u16(vshlq_n_u16::<4>(logs[half]), vdupq_n_u16(0x8000));
-        let place = vreinterpretq_s16_u16(place);
-        let inner = vqrdmulhq_s16(vreinterpretq_s16_u16(c3[half]), place);
-        let inner = vsubq_s16(inner, vreinterpretq_s16_u16(c2[half]));
+    [0, 1].map(|half| {
+        let place = place[half];
+        let (first, c2) = (vqrdmulhq_s16(vreinterpretq_s16_u16(c3[half]), place), vreinterpretq_s16_u16(c2[half]));
+        let inner = if UP { vaddq_s16(first, c2) } else { vsubq_s16(first, c2) };
         let middle = add(half, vqrdmulhq_s16(inner, place), c1);
         vreinterpretq_u16_s16(add(half, vqrdmulhq_s16(middle, place), c0))
-    };
-    vshrn_high_n_u16::<CODE_SHIFT>(vshrn_n_u16::<CODE_SHIFT>(q7(0)), q7(1))
+    })
 }
 
 /// See [`super::Kernel::prefetch`].

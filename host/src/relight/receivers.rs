@@ -6,6 +6,7 @@ use crate::view::gain::{ViewGain, middle};
 use crate::weights::PatchWeights;
 use relume_firmware::field::Field;
 use relume_firmware::receivers::{DARKEST, Receivers, factor_of_still, share_of_view};
+use relume_firmware::shade::log_factor;
 use relume_firmware::tile::{TILE_PIXELS, TILE_PX};
 use relume_firmware::tone::ViewLight;
 use relume_firmware::weights::WeightError;
@@ -211,13 +212,14 @@ impl<'f> ReceiverLight<'f> {
     fn shade(&mut self, index: usize) -> bool {
         let tile = self.with.tile(index);
         let (n, from) = (tile.padded_pixels(), tile.plane_at);
-        let Some(factors) = self.shading.change(index) else { return false };
-        for (channel, factors) in factors.iter_mut().enumerate() {
+        let Some(log_factors) = self.shading.change(index) else { return false };
+        for (channel, log_factors) in log_factors.iter_mut().enumerate() {
             let (at, scales) = (from + channel * n, self.scales[channel]);
-            factors.fill(scales.1);
+            log_factors.fill(log_factor(scales.1));
             for (k, place) in tile.covered().enumerate() {
                 let (with, without) = (self.light[0][at + k], self.light[1][at + k]);
-                factors[place] = factor_of_still(with, without, self.shares[from / 3 + k], scales);
+                let factor = factor_of_still(with, without, self.shares[from / 3 + k], scales);
+                log_factors[place] = log_factor(factor);
             }
         }
         true

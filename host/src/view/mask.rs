@@ -2,7 +2,7 @@
 
 use super::ViewError;
 use crate::damage::Damage;
-use relume_firmware::receivers::shaded;
+use relume_firmware::shade::{log_factor, shaded};
 use relume_firmware::surface::xrgb;
 use relume_firmware::tile::TILE_PX;
 use relume_firmware::tone::{ViewLight, code};
@@ -53,7 +53,8 @@ impl Mask {
     pub fn relight(&mut self, view: &[u32], factors: Option<[f32; 3]>) {
         self.relit.clear();
         if let Some(factors) = factors.filter(|factors| *factors != [1.0; 3]) {
-            let lit = |(&view, &share): (&u32, &u8)| if share == 0 { view } else { shaded(view, factors, &self.light) };
+            let log_factors = factors.map(log_factor);
+            let lit = |(&view, &share): (&u32, &u8)| if share == 0 { view } else { shaded(view, log_factors) };
             self.relit.extend(view.iter().zip(&self.shares).map(lit));
         }
     }
@@ -117,7 +118,7 @@ mod tests {
         mask.mark(&mut damage);
         let (view, mut shown) = (vec![0x00ff_ffff; 256], vec![7; 256]);
         for (factors, expected) in
-            [(Some([0.5, 1.0, 0.0]), 0x00bc_ff00), (Some([1.0; 3]), 0x00ff_ffff), (None, 0x00ff_ffff)]
+            [(Some([0.25, 1.0, 0.0]), 0x0089_ff00), (Some([1.0; 3]), 0x00ff_ffff), (None, 0x00ff_ffff)]
         {
             mask.relight(&view, factors);
             mask.put(&damage, (&[0; 256], &view), &mut shown);
