@@ -2,7 +2,10 @@
 
 #![allow(clippy::unwrap_used)]
 
+use relume::damage::Damage;
 use relume::map::RadianceMap;
+use relume::painter::{Painter, field::FieldPainter};
+use relume::weights::PatchWeights;
 use relume_bake::environment::{Environment, Reference, reference};
 use relume_bake::material::Shading;
 use relume_bake::scene::{Role, Scene};
@@ -222,19 +225,57 @@ fn a_still_of_a_sunny_day_is_shown_on_a_grey_one() {
     relume_in(folder, &too_little).refused(2, &["clear.csv", "too little", "receiver"]);
 }
 
-/// The view's gain by the field's receivers, under the clear sky.
-fn gain(view: &image::RgbImage) -> [f64; 3] {
-    use relume::painter::{Painter, field::FieldPainter};
-    let field = relume::relight::FieldFile::open(&baked().join("a.field")).unwrap();
+/// A painter of the field with its receivers before a view, under the clear sky.
+fn painter<'f>(file: &'f relume::relight::FieldFile, view: &image::RgbImage) -> (FieldPainter<'f>, PatchWeights) {
     let pixels_bgrx = view.pixels().map(|p| u32::from_be_bytes([0, p[0], p[1], p[2]])).collect();
     let still = relume::view::Still { width: SIZE.0 as usize, height: SIZE.1 as usize, pixels_bgrx };
-    let mut painter = FieldPainter::new(field.field(), still, 1);
-    painter.show_receivers(field.receivers());
-    let weights = relume::weights::PatchWeights::load(&baked().join(clear().csv()), field.field().patch_set()).unwrap();
+    let mut painter = FieldPainter::new(file.field(), still, 1);
+    painter.show_receivers(file.receivers());
+    let weights = PatchWeights::load(&baked().join(clear().csv()), file.field().patch_set()).unwrap();
     painter.relight(&weights, 1.0).unwrap();
-    let seen = painter.view_gain().unwrap();
+    (painter, weights)
+}
+
+fn field_file() -> relume::relight::FieldFile {
+    relume::relight::FieldFile::open(&baked().join("a.field")).unwrap()
+}
+
+/// The view's gain by the field's receivers, under the clear sky.
+fn gain(view: &image::RgbImage) -> [f64; 3] {
+    let seen = painter(&field_file(), view).0.view_gain().unwrap();
     assert!(seen.scatter < 0.1, "{seen:?}");
     seen.gain
+}
+
+#[test]
+fn where_receivers_change_the_view_is_composited_and_nowhere_else() {
+    let file = field_file();
+    let view = image::RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| image::Rgb([x as u8 * 2, 90, y as u8 * 3]));
+    let drawn = |painter: &mut FieldPainter<'_>| painter.draw(&mut Damage::none(96, 64)).unwrap();
+    let (mut still, clear_sky) = painter(&file, &view);
+    drawn(&mut still);
+    let before = still.pixels_bgrx().to_vec();
+    assert_eq!(drawn(&mut still).tiles_composited, 0);
+    // Light goes out where it matters to the ground's shadow more than to the house: one patch after the other, until some
+    // tile of the ground changes and not all do.
+    let tiles = drawn(&mut still).tiles;
+    let mut weights = clear_sky.clone();
+    let mut some = 0;
+    for patch in 0..weights.radiance.len() {
+        weights.radiance[patch] = weights.radiance[patch].map(|light| 0.9 * light);
+        still.relight(&weights, 1.0).unwrap();
+        let counters = drawn(&mut still);
+        assert!(counters.tiles_composited <= counters.receiver_tiles_drawn, "{counters:?}");
+        some += usize::from(counters.receiver_tiles_drawn > 0 && counters.tiles_composited < tiles);
+    }
+    assert!(some > 0 && still.pixels_bgrx() != before, "{some}");
+    // In the end it shows what a post shows that begins in this light, but for what changes of less than half a code are.
+    let (mut fresh, _) = painter(&file, &view);
+    fresh.relight(&weights, 1.0).unwrap();
+    drawn(&mut fresh);
+    let code = |word: u32, c: usize| i32::from(word.to_be_bytes()[1 + c]);
+    let pairs = || still.pixels_bgrx().iter().zip(fresh.pixels_bgrx());
+    assert!(pairs().all(|(&a, &b)| (0..3).all(|c| (code(a, c) - code(b, c)).abs() <= 1)));
 }
 
 #[test]
