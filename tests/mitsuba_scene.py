@@ -2,7 +2,6 @@
 
 Used by mitsuba_bake.py and mitsuba_standing.py. Lengths in metres, world right-handed with +Y up, radiance linear Rec.709.
 """
-import base64
 import json
 import math
 import os
@@ -57,20 +56,20 @@ class Gltf:
             for primitive in self.root["meshes"][node["mesh"]]["primitives"] if "mesh" in node else []:
                 yield extras, matrix, primitive
 
-    def texture(self, index):
-        """A texture's picture, decoded to linear by Mitsuba, as a `bitmap` plugin."""
+    def texture(self, index, factor):
+        """A texture's picture in linear light times a factor, as a `bitmap` plugin."""
         texture = self.root["textures"][index]
-        image = self.root["images"][texture["source"]]
-        data = self.view(image["bufferView"])[0] if "bufferView" in image else base64.b64decode(image["uri"].split(",")[1])
-        picture = mi.Bitmap(mi.MemoryStream(data)) if hasattr(mi.MemoryStream, "raw_buffer") else bitmap_of(data)
-        return {"type": "bitmap", "bitmap": picture, "filter_type": "bilinear", "wrap_mode": "repeat"}
-
-
-def bitmap_of(data):
-    stream = mi.MemoryStream()
-    stream.write(bytes(data))
-    stream.seek(0)
-    return mi.Bitmap(stream)
+        view = self.root["images"][texture["source"]].get("bufferView")
+        if view is None:
+            raise SystemExit(f"image {texture['source']}: lies beside the scene; embed it in the .glb")
+        wrap = self.root["samplers"][texture["sampler"]].get("wrapS", 10497) if "sampler" in texture else 10497
+        stream = mi.MemoryStream()
+        stream.write(bytes(self.view(view)[0]))
+        stream.seek(0)
+        picture = mi.Bitmap(stream).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
+        linear = np.ascontiguousarray(np.array(picture) * factor, np.float32)
+        return {"type": "bitmap", "bitmap": mi.Bitmap(linear), "raw": True, "filter_type": "bilinear",
+                "wrap_mode": {10497: "repeat", 33648: "mirror", 33071: "clamp"}[wrap]}
 
 
 def local_matrix(node):
@@ -90,12 +89,9 @@ def surface(gltf, index):
     """Lambert with the base colour, the same on both sides."""
     material = gltf.root["materials"][index].get("pbrMetallicRoughness", {}) if index is not None else {}
     factor = material.get("baseColorFactor", [1, 1, 1, 1])[:3]
+    reflectance = {"type": "rgb", "value": factor}
     if "baseColorTexture" in material:
-        if any(abs(f - 1) > 1e-6 for f in factor):
-            raise SystemExit(f"material {index}: a base colour factor on a texture is not supported here")
-        reflectance = gltf.texture(material["baseColorTexture"]["index"])
-    else:
-        reflectance = {"type": "rgb", "value": factor}
+        reflectance = gltf.texture(material["baseColorTexture"]["index"], np.array(factor))
     return mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": reflectance}})
 
 
@@ -132,9 +128,7 @@ def mesh(gltf, name, matrix, primitive, bsdf):
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
         parameters["vertex_normals"] = np.ascontiguousarray(normals, np.float32).ravel()
     if has_uvs:
-        # Mitsuba's v rises from the picture's lower edge.
-        uvs = attributes["TEXCOORD_0"] * [1, -1] + [0, 1]
-        parameters["vertex_texcoords"] = np.ascontiguousarray(uvs, np.float32).ravel()
+        parameters["vertex_texcoords"] = np.ascontiguousarray(attributes["TEXCOORD_0"], np.float32).ravel()
     parameters.update()
     return made
 
