@@ -21,6 +21,7 @@ pub mod fragments;
 pub mod geometry;
 pub mod gloss;
 mod gltf_file;
+pub mod gltf_write;
 pub mod heldout;
 pub mod import;
 pub mod info;

@@ -185,6 +185,11 @@ impl Texture {
         (f32::from(low) / 255.0, f32::from(high) / 255.0)
     }
 
+    /// `[height][width]`, as encoded, straight alpha.
+    pub fn texels(&self) -> &[[u8; 4]] {
+        &self.texels
+    }
+
     /// Width and height in texels.
     pub fn size(&self) -> (usize, usize) {
         (self.width, self.height)

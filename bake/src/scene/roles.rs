@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// What a surface is to the post.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Role {
     /// Shown: what has vanished.
     #[default]
@@ -22,6 +22,15 @@ pub enum Role {
 pub const PROPERTY: &str = "relume";
 
 impl Role {
+    /// The word for it in [`PROPERTY`].
+    pub fn name(self) -> &'static str {
+        match self {
+            Role::Virtual => "virtual",
+            Role::Receiver => "receiver",
+            Role::Occluder => "occluder",
+        }
+    }
+
     /// The role that extras of a node or mesh give; `None` if they give none, and the value at fault if it is no role.
     pub(super) fn in_extras(extras: &gltf::json::Extras) -> Result<Option<Role>, String> {
         let Some(raw) = extras else { return Ok(None) };

@@ -3,9 +3,10 @@
 //! The built-in site with its temple marked as vanished. Through three days (clear, broken and grey) a path tracer that knows
 //! neither patches nor fields draws what a view camera takes of the real site, and what it would take if the temple stood.
 //! The post has the first picture, with the camera's noise, and the frames of its sky camera; what it shows is compared with
-//! the second.
+//! the second. Another renderer's pictures may stand beside the path tracer's (outside.rs).
 
 mod judge;
+mod outside;
 mod view;
 
 use std::path::Path;
@@ -13,8 +14,10 @@ use std::path::Path;
 use relume_bake::bake::{BakeOptions, bake};
 use relume_bake::camera::Camera;
 use relume_bake::demo_scene;
+use relume_bake::environment::Reference;
 use relume_bake::response::TransportOptions;
 use relume_bake::scene::Scene;
+use relume_firmware::patches::PatchSet;
 use serde::Serialize;
 
 use super::eye::{Eye, Seen};
@@ -49,6 +52,20 @@ struct Moment {
     day: &'static str,
     time_utc: String,
     sun_altitude_deg: f64,
+    /// Against the built-in path tracer.
+    #[serde(flatten)]
+    own: Compared,
+    /// Against another renderer, whose picture of the real site the post had, too.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    outside: Option<Compared>,
+    /// The two renderers' pictures of the site with its temple.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    renderers: Option<Judgement>,
+}
+
+/// What the post shows against what a renderer draws.
+#[derive(Clone, Debug, Serialize)]
+struct Compared {
     /// With the light that the sky camera measured.
     camera: Judgement,
     /// With the light of the true sky: what is left is not the sky camera's.
@@ -57,6 +74,26 @@ struct Moment {
     noise: f64,
     /// The view's gain, found over true, in the post's own way.
     gain_error: [f64; 3],
+}
+
+/// What a renderer draws of a moment: the real site, and twice, by other random numbers, the site with its temple.
+struct Drawn {
+    real: Reference,
+    halves: [Reference; 2],
+}
+
+/// When one looks.
+struct Hour {
+    day: &'static str,
+    unix_s: f64,
+}
+
+impl Hour {
+    /// Day and time of day in UTC, `clear_0800`.
+    fn name(&self) -> String {
+        let time: String = crate::sun::format_utc(self.unix_s).chars().filter(char::is_ascii_digit).collect();
+        format!("{}_{}", self.day, &time[8..12])
+    }
 }
 
 /// What came of it.
@@ -95,29 +132,27 @@ impl Standing {
 
 /// Bakes, runs the days in steps of `step_h` hours and writes `standing.json`, `standing.png` (a row per moment: as it is, as the
 /// post shows it, as it would be, colour differences) and `flicker.html` into the folder `out`; what it found, in words.
+/// With a folder `truth` of another renderer's pictures only the moments that it drew are run, and pictures show its truth.
 ///
 /// # Errors
-/// [`Failure`]: bad input when `out` cannot be used, a failure at run time for all else.
-pub fn standing(out: &Path, step_h: f64, seed: u64) -> Result<String, Failure> {
-    let bad_folder =
-        |error| Failure::bad(format!("--out {}: {error}; name a folder that can be written", out.display()));
-    std::fs::create_dir_all(out).map_err(bad_folder)?;
-    let scratch = tempfile::Builder::new().prefix(".relume-demo-").tempdir_in(out).map_err(bad_folder)?;
+/// [`Failure`]: bad input when `out` or `truth` cannot be used, a failure at run time for all else.
+pub fn standing(out: &Path, step_h: f64, seed: u64, truth: Option<&Path>) -> Result<String, Failure> {
+    let scratch = usable(out)?;
     let site = Standing::bake(scratch.path())?;
     let (mut moments, mut rows) = (Vec::new(), Vec::new());
-    for (day, cloud_cover, cloud_seed) in DAYS {
-        let atmosphere = Atmosphere { cloud_cover, cloud_seed, ..Atmosphere::default() };
-        let midnight = parse_utc(DATE).or_runtime()?;
-        let mut eye = Eye::new(Site::place(), atmosphere, *site.file.field().patch_set(), midnight)?;
-        for step in 0..(24.0 / step_h) as u32 {
-            let unix_s = midnight + f64::from(step) * step_h * 3600.0;
-            if sun_position(unix_s, Site::place()).or_runtime()?.altitude_deg >= LOWEST_DEG {
-                let (moment, row) = look(&site, &mut eye, day, (unix_s, seed))?;
-                eprintln!("{day} {}: {}", moment.time_utc, moment.camera);
-                moments.push(moment);
-                rows.push(row);
-            }
-        }
+    through_the_days(*site.file.field().patch_set(), step_h, |eye, hour| {
+        let outside = match truth {
+            Some(folder) if !outside::is_drawn(folder, &hour) => return Ok(()),
+            other => other.map(|folder| outside::drawn(folder, &hour)).transpose()?,
+        };
+        let (moment, row) = look(&site, eye, &hour, seed, outside)?;
+        eprintln!("{} {}: {}", hour.day, moment.time_utc, moment.outside.as_ref().unwrap_or(&moment.own).camera);
+        moments.push(moment);
+        rows.push(row);
+        Ok(())
+    })?;
+    if moments.is_empty() {
+        return Err(outside::nothing_drawn(truth.unwrap_or(out)));
     }
     let report = Report::of(moments);
     write_whole(&out.join("standing.json"), |file| Ok(serde_json::to_writer_pretty(file, &report)?))?;
@@ -127,36 +162,96 @@ pub fn standing(out: &Path, step_h: f64, seed: u64) -> Result<String, Failure> {
     Ok(report.words(out))
 }
 
+/// Writes into `out` what another renderer needs to draw the moments; in words, what that is.
+///
+/// # Errors
+/// [`Failure`]: bad input when `out` cannot be used, a failure at run time for all else.
+pub fn export(out: &Path, step_h: f64) -> Result<String, Failure> {
+    usable(out)?.close().or_runtime()?;
+    let (scene, camera) = demo_scene::site();
+    let patches = PatchSet::new(BakeOptions::default().directions).or_runtime()?;
+    let mut skies = Vec::new();
+    through_the_days(patches, step_h, |eye, hour| {
+        skies.push(outside::write_sky(out, &hour, &eye.look(hour.unix_s)?.truth)?);
+        Ok(())
+    })?;
+    outside::write_site(out, &scene, &camera, &skies)
+}
+
+/// Makes the folder `out`; a folder in it that goes with its value.
+fn usable(out: &Path) -> Result<tempfile::TempDir, Failure> {
+    let bad_folder =
+        |error| Failure::bad(format!("--out {}: {error}; name a folder that can be written", out.display()));
+    std::fs::create_dir_all(out).map_err(bad_folder)?;
+    tempfile::Builder::new().prefix(".relume-demo-").tempdir_in(out).map_err(bad_folder)
+}
+
+/// Every moment of the days at which the sun stands high enough.
+fn through_the_days(
+    patches: PatchSet,
+    step_h: f64,
+    mut see: impl FnMut(&mut Eye, Hour) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let midnight = parse_utc(DATE).or_runtime()?;
+    for (day, cloud_cover, cloud_seed) in DAYS {
+        let atmosphere = Atmosphere { cloud_cover, cloud_seed, ..Atmosphere::default() };
+        let mut eye = Eye::new(Site::place(), atmosphere, patches, midnight)?;
+        for step in 0..(24.0 / step_h) as u32 {
+            let unix_s = midnight + f64::from(step) * step_h * 3600.0;
+            if sun_position(unix_s, Site::place()).or_runtime()?.altitude_deg >= LOWEST_DEG {
+                see(&mut eye, Hour { day, unix_s })?;
+            }
+        }
+    }
+    Ok(())
+}
+
 /// The pictures of a moment: as it is, as the post shows it, as it would be.
 type Row = [Vec<u32>; 3];
 
 fn look(
     site: &Standing,
     eye: &mut Eye,
-    day: &'static str,
-    (unix_s, seed): (f64, u64),
+    hour: &Hour,
+    seed: u64,
+    outside: Option<Drawn>,
 ) -> Result<(Moment, Row), Failure> {
-    let Seen { weights, truth, sun } = eye.look(unix_s)?;
-    let camera = ViewCamera::exposed(&truth, &site.camera, seed ^ unix_s as u64);
+    let seen = eye.look(hour.unix_s)?;
+    let camera = ViewCamera::exposed(&seen.truth, &site.camera, seed ^ hour.unix_s as u64);
     let traced = |scene, paths| camera.trace(scene, paths).or_runtime();
-    let (real, halves) = (traced(&site.real, 0)?, [traced(&site.whole, 1)?, traced(&site.whole, 2)?]);
+    let drawn = Drawn { real: traced(&site.real, 0)?, halves: [traced(&site.whole, 1)?, traced(&site.whole, 2)?] };
+    let (own, own_row) = compare(site, &camera, &seen, &drawn)?;
+    let other = outside.map(|other| Ok::<_, Failure>((compare(site, &camera, &seen, &other)?, other))).transpose()?;
+    let renderers = other.as_ref().map(|((_, row), _)| {
+        let whole = mean_of(&drawn.halves[0], &drawn.halves[1]);
+        judge(&own_row[2], &row[2], (&drawn.real, &whole), site.file.field())
+    });
+    let (outside, row) = match other {
+        Some(((compared, row), _)) => (Some(compared), row),
+        None => (None, own_row),
+    };
+    let time_utc = crate::sun::format_utc(hour.unix_s);
+    let sun_altitude_deg = seen.sun.altitude_deg;
+    Ok((Moment { day: hour.day, time_utc, sun_altitude_deg, own, outside, renderers }, row))
+}
+
+/// What the post makes of the real site as it is drawn, against the site with its temple as it is drawn.
+fn compare(site: &Standing, camera: &ViewCamera<'_>, seen: &Seen, drawn: &Drawn) -> Result<(Compared, Row), Failure> {
+    let Drawn { real, halves } = drawn;
     let whole = mean_of(&halves[0], &halves[1]);
-    let (as_it_is, as_it_would_be) = (camera.picture(&real, true), camera.picture(&whole, false));
-    let shown = |weights: &PatchWeights| show(site, &as_it_is, weights);
-    let ((by_camera, _), (by_truth, gain)) = (shown(&weights)?, shown(&truth.weights(site.file.field().patch_set()))?);
-    let judged = |picture: &[u32]| judge(picture, &as_it_would_be, (&real, &whole), site.file.field());
-    let [first, second] = halves.map(|half| camera.picture(&half, false));
-    let judge_halves = judge(&first, &second, (&real, &whole), site.file.field());
-    let moment = Moment {
-        day,
-        time_utc: crate::sun::format_utc(unix_s),
-        sun_altitude_deg: sun.altitude_deg,
-        camera: judged(&by_camera),
-        true_sky: judged(&by_truth),
-        noise: 0.5 * judge_halves.median,
+    let (as_it_is, as_it_would_be) = (camera.picture(real, true), camera.picture(&whole, false));
+    let true_weights = seen.truth.weights(site.file.field().patch_set());
+    let (by_camera, _) = show(site, &as_it_is, &seen.weights)?;
+    let (by_truth, gain) = show(site, &as_it_is, &true_weights)?;
+    let judged = |a: &[u32], b: &[u32]| judge(a, b, (real, &whole), site.file.field());
+    let [first, second] = halves.each_ref().map(|half| camera.picture(half, false));
+    let compared = Compared {
+        camera: judged(&by_camera, &as_it_would_be),
+        true_sky: judged(&by_truth, &as_it_would_be),
+        noise: 0.5 * judged(&first, &second).median,
         gain_error: std::array::from_fn(|c| gain[c] / camera.gains()[c] - 1.0),
     };
-    Ok((moment, [as_it_is, by_camera, as_it_would_be]))
+    Ok((compared, [as_it_is, by_camera, as_it_would_be]))
 }
 
 /// What the post shows over a view, and the view's gain.
@@ -178,42 +273,79 @@ fn show(site: &Standing, view: &[u32], weights: &PatchWeights) -> Result<(Vec<u3
 
 impl Report {
     fn of(moments: Vec<Moment>) -> Self {
-        let of = |pick: fn(&Judgement) -> f64| {
-            let mut all: Vec<f64> = moments.iter().map(|moment| pick(&moment.camera)).collect();
-            all.sort_by(f64::total_cmp);
-            [all[all.len() / 2], all[all.len() - 1]]
-        };
+        let of = |pick: fn(&Judgement) -> f64| middle_and_worst(moments.iter().map(|moment| pick(&moment.own.camera)));
         Report { median: of(|j| j.median), high: of(|j| j.high), moments }
     }
 
     fn words(&self, out: &Path) -> String {
-        let of_day = |(day, ..): (&'static str, f32, u64)| {
-            let own = || self.moments.iter().filter(move |moment| moment.day == day);
-            let worst = |pick: &dyn Fn(&Moment) -> f64| own().map(pick).fold(0.0, f64::max);
-            format!(
-                "{day}: {} moments; worst median {:.2}, worst 95 % {:.2}; under the true sky {:.2}, {:.2}; noise of the truth \
-                 {:.2}; gain off by {:.1} % at most\n",
-                own().count(),
-                worst(&|m| m.camera.median),
-                worst(&|m| m.camera.high),
-                worst(&|m| m.true_sky.median),
-                worst(&|m| m.true_sky.high),
-                worst(&|m| m.noise),
-                100.0 * worst(&|m| m.gain_error.iter().fold(0.0, |most, error| error.abs().max(most)))
-            )
-        };
         let [median, high] = [self.median, self.high];
+        let outside: Vec<(&str, &Compared)> =
+            self.moments.iter().filter_map(|moment| Some((moment.day, moment.outside.as_ref()?))).collect();
+        let own: Vec<(&str, &Compared)> = self.moments.iter().map(|moment| (moment.day, &moment.own)).collect();
         format!(
             "colour differences (DE2000) of covered pixels and shadowed receivers: median {:.2} (worst moment {:.2}), 95 % {:.2} ({:.2})\n\
-             {}{}: standing.json, standing.png, flicker.html\n",
+             {}{}{}: standing.json, standing.png, flicker.html\n",
             median[0],
             median[1],
             high[0],
             high[1],
-            DAYS.map(of_day).concat(),
+            days_in_words(&own),
+            self.outside_in_words(&outside),
             out.display()
         )
     }
+
+    fn outside_in_words(&self, outside: &[(&str, &Compared)]) -> String {
+        if outside.is_empty() {
+            return String::new();
+        }
+        let of = |pick: fn(&Judgement) -> f64| middle_and_worst(outside.iter().map(|(_, found)| pick(&found.camera)));
+        let apart = |pick: fn(&Judgement) -> f64| {
+            middle_and_worst(self.moments.iter().filter_map(|moment| moment.renderers.as_ref()).map(pick))
+        };
+        let ([median, high], [apart, blocks]) =
+            ([of(|j| j.median), of(|j| j.high)], [apart(|j| j.median), apart(|j| j.median_of_blocks)]);
+        format!(
+            "against the other renderer: median {:.2} (worst moment {:.2}), 95 % {:.2} ({:.2}); the two renderers differ by {:.2}, of \
+             4x4 pixels by {:.2}\n{}",
+            median[0],
+            median[1],
+            high[0],
+            high[1],
+            apart[0],
+            blocks[0],
+            days_in_words(outside)
+        )
+    }
+}
+
+/// Of figures, one per moment.
+fn middle_and_worst(figures: impl Iterator<Item = f64>) -> [f64; 2] {
+    let mut all: Vec<f64> = figures.collect();
+    all.sort_by(f64::total_cmp);
+    [all[all.len() / 2], all[all.len() - 1]]
+}
+
+/// The worst of each day.
+fn days_in_words(moments: &[(&str, &Compared)]) -> String {
+    let of_day = |(day, ..): (&'static str, f32, u64)| {
+        let own = || moments.iter().filter(move |moment| moment.0 == day).map(|moment| moment.1);
+        let worst = |pick: &dyn Fn(&Compared) -> f64| own().map(pick).fold(0.0, f64::max);
+        format!(
+            "{day}: {} moments; worst median {:.2}, worst 95 % {:.2}; under the true sky {:.2}, {:.2}; of 4x4 pixels {:.2}, {:.2}; \
+             noise of the truth {:.2}; gain off by {:.1} % at most\n",
+            own().count(),
+            worst(&|m| m.camera.median),
+            worst(&|m| m.camera.high),
+            worst(&|m| m.true_sky.median),
+            worst(&|m| m.true_sky.high),
+            worst(&|m| m.camera.median_of_blocks),
+            worst(&|m| m.camera.high_of_blocks),
+            worst(&|m| m.noise),
+            100.0 * worst(&|m| m.gain_error.iter().fold(0.0, |most, error| error.abs().max(most)))
+        )
+    };
+    DAYS.map(of_day).concat()
 }
 
 fn canvas(pixels: &[u32]) -> Canvas {

@@ -12,7 +12,8 @@ use crate::skymodel::SkyModel;
 
 /// Paths per pixel.
 const SAMPLES: u32 = 192;
-const MAP_HEIGHT: usize = 256;
+/// Rows of the map of a sky.
+pub(super) const MAP_HEIGHT: usize = 256;
 /// White balance: what red, green and blue are multiplied by besides the exposure.
 const BALANCE: [f64; 3] = [1.12, 1.0, 0.84];
 /// What a white sheet on the ground is shown as, linear.
