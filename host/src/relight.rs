@@ -23,7 +23,7 @@ pub use budget::{Budget, BudgetError};
 pub use buffers::{Framebuffer, Picture, View};
 pub use counters::FrameCounters;
 pub use file::{FieldFile, FieldFileError};
-pub use receivers::{ReceiverLight, ShadedView};
+pub use receivers::{ReceiverLight, ShadedView, Untold};
 
 use crate::damage::Damage;
 use crate::weights::PatchWeights;

@@ -3,10 +3,13 @@
 use super::Painter;
 use crate::damage::Damage;
 use crate::exposure::{automatic, automatic_of};
-use crate::relight::{Budget, BudgetError, FrameCounters, Framebuffer, ReceiverLight, Relighter, ShadedView, View};
+use crate::relight::{
+    Budget, BudgetError, FrameCounters, Framebuffer, ReceiverLight, Relighter, ShadedView, Untold, View,
+};
 use crate::sun::{dir_world, position_of};
 use crate::sunband::nearest;
 use crate::view::Still;
+use crate::view::disagreement::Disagreement;
 use crate::view::gain::ViewGain;
 use crate::view::mask::Mask;
 use crate::weights::{PatchWeights, SunWeight};
@@ -71,6 +74,14 @@ impl<'f> FieldPainter<'f> {
     pub fn relight_still(&mut self, then: &PatchWeights) -> Result<bool, WeightError> {
         let Some(shaded) = &mut self.shaded else { return Ok(false) };
         shaded.light_mut().set_still_light(then, self.view.pixels())
+    }
+
+    /// Where the view disagrees with the light of the field's receivers in it.
+    ///
+    /// # Errors
+    /// [`Untold`]: why it cannot be told.
+    pub fn disagreement(&mut self) -> Result<Disagreement, Untold> {
+        self.shaded.as_mut().ok_or(Untold::Few(0))?.disagreement()
     }
 
     /// Gets ready for a live view: what it shows first is composited only, like what comes later.

@@ -1,5 +1,9 @@
 //! Receivers in front of the post: their light with the virtual geometry and without it -> factors -> the view in its shadow.
 
+mod compared;
+
+pub use compared::Untold;
+
 use super::reading::{power_of_two, white_light};
 use super::{Relighter, View};
 use crate::view::gain::{ViewGain, middle};
@@ -70,7 +74,7 @@ pub struct ReceiverLight<'f> {
     /// What light of the view is multiplied by besides, per channel: of receivers, and of everything else.
     scales: [(f32, f32); 3],
     is_rescaled: bool,
-    /// Pixels that show nothing but receivers.
+    /// Pixels that show nothing but receivers, spread over the picture.
     whole: Vec<WholePixel>,
     /// Room for the logarithms of their gains.
     logs: Vec<f64>,
@@ -97,12 +101,13 @@ impl<'f> ReceiverLight<'f> {
             }
         }
         let whole = whole_pixels(&with, &shares);
+        let step = whole.len().div_ceil(GAUGES).max(1);
         ReceiverLight {
             with,
             without,
             light: [vec![0.0; length], vec![0.0; length]],
             factors: vec![1.0; length],
-            whole,
+            whole: whole.into_iter().step_by(step).collect(),
             logs: Vec::with_capacity(GAUGES),
             shares,
             exposure: 1.0,
@@ -244,7 +249,7 @@ impl<'f> ReceiverLight<'f> {
     }
 }
 
-/// Pixels that are all receiver, spread over the picture.
+/// All pixels that show nothing but receivers.
 fn whole_pixels(receivers: &Relighter<'_>, shares: &[f32]) -> Vec<WholePixel> {
     let field = receivers.field();
     let (width, columns) = (field.width(), field.response().grid().0);
@@ -260,8 +265,7 @@ fn whole_pixels(receivers: &Relighter<'_>, shares: &[f32]) -> Vec<WholePixel> {
             }
         }
     }
-    let step = whole.len().div_ceil(GAUGES).max(1);
-    whole.into_iter().step_by(step).collect()
+    whole
 }
 
 impl ReceiverLight<'static> {
