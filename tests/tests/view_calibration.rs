@@ -206,7 +206,7 @@ fn check_tells_a_tint_an_exposure_and_a_pose_apart() {
         assert!(parts.iter().all(|part| advised[0].contains(part)), "{told}");
     };
     let fixed = "mode = 'fixed'\nev = -1.0";
-    only("tint", &tinted("tint", [1.15, 1.0, 0.85]), fixed, &["colour", "red +15 %", "white balance"]);
+    only("tint", &tinted("tint", [1.15, 1.0, 0.85]), fixed, &["tint", "red +15 %", "white balance"]);
     only("bright", &tinted("bright", [1.5; 3]), fixed, &["exposure", " stops darker", "exposure.ev = -0.4"]);
     // The camera has been turned by three pixels to the right and one up: what it sees moves the other way.
     let view = image::open(tinted("straight", [1.0; 3])).unwrap().into_rgb8();

@@ -308,22 +308,22 @@ mod tests {
 
     #[test]
     fn a_cameras_own_curve_is_taken_to_linear_light_at_every_size_and_depth() {
-        let exact = |rgb: [f64; 3]| [0, 1, 2].map(|channel| srgb_code(film(rgb[channel], channel)));
         let mut pixels = Vec::new();
-        for code in 0..=255u8 {
-            let rgb = [code, 255 - code, code / 2];
-            let expected = exact(rgb.map(|code| f64::from(code) / 255.0));
-            let mut deep = Frame::default();
-            deep.codes_u16(32, 18).chunks_exact_mut(3).for_each(|pixel| {
-                pixel.copy_from_slice(&rgb.map(|code| 257 * u16::from(code)));
-            });
-            for picture in [frame(32, 18, |_, _| rgb), deep] {
-                for size in [(32, 18), (16, 9), (48, 27)] {
-                    by_film(size).fit(&picture, &mut pixels).unwrap();
-                    let shown = pixels.iter().map(|word| word.to_be_bytes()).map(|[_, r, g, b]| [r, g, b]);
-                    let off = |rgb: [u8; 3]| (0..3).map(|c| rgb[c].abs_diff(expected[c])).max();
-                    assert!(shown.clone().all(|rgb| off(rgb) <= Some(1)), "{expected:?} at {size:?}");
+        for (size, is_deep) in [((32, 18), false), ((32, 18), true), ((16, 9), false), ((48, 27), true)] {
+            let mut fit = by_film(size);
+            for code in 0..=255u8 {
+                let rgb = [code, 255 - code, code / 2];
+                let expected: [u8; 3] =
+                    std::array::from_fn(|channel| srgb_code(film(f64::from(rgb[channel]) / 255.0, channel)));
+                let mut picture = frame(32, 18, |_, _| rgb);
+                if is_deep {
+                    let deep = rgb.map(|code| 257 * u16::from(code));
+                    picture.codes_u16(32, 18).chunks_exact_mut(3).for_each(|pixel| pixel.copy_from_slice(&deep));
                 }
+                fit.fit(&picture, &mut pixels).unwrap();
+                let mut shown = pixels.iter().map(|word| word.to_be_bytes()).map(|[_, r, g, b]| [r, g, b]);
+                let off = |rgb: [u8; 3]| (0..3).map(|c| rgb[c].abs_diff(expected[c])).max();
+                assert!(shown.all(|rgb| off(rgb) <= Some(1)), "{expected:?} at {size:?}");
             }
         }
         // Lines of black and white are half of white's light in every channel, whatever the curve.

@@ -29,7 +29,7 @@ const SURE: f64 = 3.0;
 const ROUGH: f64 = 0.3;
 /// Displacement that is seen as a shadow's double edge, px; and what must be left of the misfit at most.
 const DISPLACED_PX: f64 = 1.0;
-const EXPLAINED: f64 = 0.8;
+const EXPLAINED: f64 = 0.85;
 
 /// Adds what is found to the table.
 pub(super) fn rows(config: &Config, found: &Found, table: &mut Table) {
@@ -82,7 +82,7 @@ fn grey_difference(gain: [f64; 3]) -> f64 {
 }
 
 fn tint(config: &Config, found: &Found, gain: [f64; 3], table: &mut Table) {
-    const WHAT: &str = "colour";
+    const WHAT: &str = "tint";
     let difference = grey_difference(gain);
     let per_cent = |channel: usize| 100.0 * (gain[channel] / gain[1] - 1.0);
     let words = format!("red {:+.0} %, blue {:+.0} % of green (CIEDE2000 {difference:.1})", per_cent(0), per_cent(2));
@@ -110,42 +110,46 @@ fn tint(config: &Config, found: &Found, gain: [f64; 3], table: &mut Table) {
 
 fn evenness(trend: Option<Trend>, table: &mut Table) {
     const WHAT: &str = "evenness";
-    let Some(Trend { right, down, corners }) = trend else {
+    let Some(trend) = trend else {
         return table.say(WHAT, "cannot tell: receivers cover too little of the picture".into());
     };
-    let per_cent = |(value, _): (f64, f64)| 100.0 * value.exp_m1();
+    if let Some(words) = unevenness(&trend) {
+        return table.advise(WHAT, words);
+    }
+    let parts = [trend.right, trend.down, trend.corners];
+    let unsure = parts.iter().map(|(_, error)| SURE * error).fold(0.0, f64::max);
+    if unsure > NOTICED_LOG {
+        let words = "nothing found, but receivers cover so little of the picture that it may be";
+        return table.say(WHAT, format!("{words} {:.0} %", 100.0 * unsure));
+    }
+    let [right, down, corners] = parts.map(per_cent);
+    let words = format!("right {right:+.0} %, lower edge {down:+.0} %, corners {corners:+.0} % against the middle");
+    table.say(WHAT, words);
+}
+
+/// Growth of light, a natural logarithm, in per cent.
+fn per_cent((value, _error): (f64, f64)) -> f64 {
+    100.0 * value.exp_m1()
+}
+
+/// What is noticed of a trend, and no chance.
+fn unevenness(&Trend { right, down, corners }: &Trend) -> Option<String> {
     let is_sure = |(value, error): (f64, f64)| value.abs() > NOTICED_LOG && value.abs() > SURE * error;
     if is_sure(corners) {
-        let words = format!("the view's light is {:+.0} % in the corners", per_cent(corners));
-        return table.advise(
-            WHAT,
-            format!("{words}: its lens's vignetting; close its aperture, or turn on (or off) its shading correction"),
-        );
+        return Some(format!(
+            "the view's light is {:+.0} % in the corners, its lens's vignetting: close its aperture, or turn on (or off) its \
+             shading correction",
+            per_cent(corners)
+        ));
     }
     let (steeper, side) = if right.0.abs() >= down.0.abs() { (right, "right") } else { (down, "lower") };
-    if is_sure(steeper) {
-        return table.advise(WHAT, format!(
+    is_sure(steeper).then(|| {
+        format!(
             "the view's light is {:+.0} % at its {side} edge against the middle: stray light on its lens, or the sky camera's \
              orientation (`relume sky lens`)",
             per_cent(steeper)
-        ));
-    }
-    let unsure = [right, down, corners].iter().map(|(_, error)| SURE * error).fold(0.0, f64::max);
-    if unsure > NOTICED_LOG {
-        return table.say(
-            WHAT,
-            format!("nothing found, but only to {:.0} %: receivers cover little of the picture", 100.0 * unsure),
-        );
-    }
-    table.say(
-        WHAT,
-        format!(
-            "right {:+.0} %, lower edge {:+.0} %, corners {:+.0} % against the middle",
-            per_cent(right),
-            per_cent(down),
-            per_cent(corners)
-        ),
-    );
+        )
+    })
 }
 
 fn displaced(shift: Shift) -> bool {
@@ -160,9 +164,8 @@ fn pose(shift: Option<Shift>, table: &mut Table) {
     };
     let [right, down] = shift.px;
     if !displaced(shift) {
-        return table.say(WHAT, format!(
-            "sharp changes of the receivers' light stand where they should, within {DISPLACED_PX:.0} px or as far as they tell"
-        ));
+        let words = "sharp changes of the receivers' light stand where they should: no other place fits them better";
+        return table.say(WHAT, words.into());
     }
     let reach = shift.reach_px as f64;
     let at_least = if right.abs() >= reach || down.abs() >= reach { "at least " } else { "" };
