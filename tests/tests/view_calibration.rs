@@ -61,10 +61,10 @@ fn errors_over_even_view(light: &Light, more: &[&str]) -> (f64, f64) {
     for at in 0..own.rgb.len() {
         let real = 1.0 - own.alpha[at];
         let share = if real > 0.0 { (with.alpha[at] / real).min(1.0) } else { 0.0 };
-        for c in 0..3 {
+        for (c, &own_code) in codes.iter().enumerate() {
             let lit = without.rgb[at][c];
             let ratio = if lit > 0.0 { with.rgb[at][c] / lit } else { 1.0 };
-            let view = film(f64::from(codes[c]) / 255.0, c);
+            let view = film(f64::from(own_code) / 255.0, c);
             let expected = code(own.rgb[at][c] * 0.5 + real * view * (1.0 + share * (ratio - 1.0)));
             let error = (f64::from(shown.as_raw()[3 * at + c]) - expected).abs();
             most = most.max(error);
@@ -253,4 +253,23 @@ fn check_says_when_it_cannot_tell_and_why() {
     put(&folder.join("model.toml"), &text);
     let told = relume_in(folder, &["check", "model.toml"]).well().stdout;
     assert!(told.contains("cannot tell") && told.contains("a model's light"), "{told}");
+}
+
+#[test]
+fn check_takes_a_still_by_the_light_it_was_taken_in() {
+    let folder = baked();
+    tinted("still", [1.1, 1.0, 0.9]);
+    let light = clear().csv(folder);
+    let live = post("still_then", &folder.join("still.png"), "", "mode = 'fixed'\nev = 0.0");
+    let still = |keys: &str| {
+        let text = live.replace("[view_camera]\nframes = 'still_then_frames'\n", "");
+        put(&folder.join("still_then.toml"), format!("view = 'still.png'\n{keys}\n{text}"));
+        relume_in(folder, &["check", "still_then.toml"]).well().stdout
+    };
+    let told = still("");
+    assert!(told.contains("cannot tell") && told.contains("write view_light"), "{told}");
+    let told = still(&format!("view_light = '{light}'"));
+    assert!(told.contains("EV -1.0") && told.contains("the still is relit") && !told.contains("see  "), "{told}");
+    let told = still(&format!("view_light = '{light}'\nview_response = 'film.csv'"));
+    assert!(told.contains("ok   still by") && told.contains("film.csv: 256 codes"), "{told}");
 }
