@@ -27,6 +27,7 @@ pub const KEYS: &[&str] = &[
     "field",
     "view",
     "view_light",
+    "view_response",
     "mask",
     "sky",
     "health",
@@ -51,6 +52,7 @@ pub const KEYS: &[&str] = &[
     "view_camera.size",
     "view_camera.pixel_format",
     "view_camera.frames",
+    "view_camera.response",
     "display.kind",
     "display.folder",
     "display.every",
@@ -138,12 +140,16 @@ pub struct Config {
     pub view: Option<PathBuf>,
     /// The light that the still was taken in; it is relit then, too.
     pub view_light: Option<PathBuf>,
+    /// The curve of the camera that took the still; sRGB if none.
+    pub view_response: Option<PathBuf>,
     /// What stands in front of the picture, painted.
     pub mask: Option<PathBuf>,
     /// The display adds its light to what is seen through it.
     pub additive: bool,
     /// The camera of a live view.
     pub view_camera: Option<ViewCamera>,
+    /// That camera's curve; sRGB if none.
+    pub view_camera_response: Option<PathBuf>,
     /// Where the light comes from.
     pub sky: SkyKind,
     /// Where the state is written.
@@ -187,9 +193,11 @@ impl Config {
             field,
             view: r.path("view")?,
             view_light: r.path("view_light")?,
+            view_response: r.path("view_response")?,
             mask: r.path("mask")?,
             additive: display::is_additive(&r)?,
             view_camera: view::view_camera(&r, &camera)?,
+            view_camera_response: r.path("view_camera.response")?,
             sky,
             health: r.path("health")?.unwrap_or_else(|| display.health(file)),
             site,

@@ -24,7 +24,7 @@ pub use budget::{Budget, BudgetError};
 pub use buffers::{Framebuffer, Picture, View};
 pub use counters::FrameCounters;
 pub use file::{FieldFile, FieldFileError};
-pub use receivers::ReceiverLight;
+pub use receivers::{ReceiverLight, Untold};
 pub use shading::{Backdrop, Shading};
 
 use crate::damage::Damage;

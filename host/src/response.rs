@@ -58,7 +58,7 @@ impl Response {
     /// A curve from rows `[code/max, r, g, b]`; `name` is what errors call it.
     ///
     /// # Errors
-    /// [`ResponseError`] unless the codes run from 0 to 1 and every channel rises (it may stay level) within 0..=1.
+    /// [`ResponseError`] (lines are counted by rows) unless the codes run from 0 to 1 and every channel rises (it may stay level) within 0..=1.
     pub fn from_rows(rows: Vec<[f64; 4]>, name: &str) -> Result<Self, ResponseError> {
         let curve = |what| Err(ResponseError::Curve { name: name.into(), what });
         let row = |at: usize, what: String| Err(ResponseError::Row { name: name.into(), line: at + 1, what });
@@ -92,12 +92,15 @@ impl Response {
     pub fn load(path: &Path) -> Result<Self, ResponseError> {
         let name = path.display().to_string();
         let text = std::fs::read_to_string(path).map_err(|source| ResponseError::Io { name: name.clone(), source })?;
-        let mut rows = Vec::new();
+        let (mut rows, mut lines) = (Vec::new(), Vec::new());
         for (index, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
             let fields: Vec<&str> = line.split(',').map(str::trim).collect();
             let numbers: Vec<f64> = fields.iter().filter_map(|field| field.parse().ok()).collect();
             match <[f64; 4]>::try_from(numbers) {
-                Ok(row) if fields.len() == 4 => rows.push(row),
+                Ok(row) if fields.len() == 4 => {
+                    rows.push(row);
+                    lines.push(index + 1);
+                }
                 _ if index == 0 => {}
                 _ => {
                     let what = format!("`{line}`: write four numbers code/max,R,G,B");
@@ -105,7 +108,10 @@ impl Response {
                 }
             }
         }
-        Self::from_rows(rows, &name)
+        Self::from_rows(rows, &name).map_err(|error| match error {
+            ResponseError::Row { name, line, what } => ResponseError::Row { name, line: lines[line - 1], what },
+            other => other,
+        })
     }
 
     /// The text of the curve file.

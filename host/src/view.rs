@@ -1,12 +1,15 @@
 //! The view: the real picture behind. A still, or a second camera's pictures, which are shown like stills.
 
+pub mod curve;
 #[cfg(feature = "board")]
 pub mod device;
+pub mod disagreement;
 pub mod fit;
 pub mod gain;
 pub mod live;
 pub mod mask;
 
+use curve::{LightTables, ViewCurve};
 use std::path::{Path, PathBuf};
 
 /// A still as the real picture behind: 8-bit sRGB, row 0 at the top.
@@ -47,30 +50,34 @@ pub enum ViewError {
 }
 
 impl Still {
-    /// Reads a PNG or JPEG of any depth as 8-bit sRGB, upright as its EXIF orientation says; transparency is dropped.
+    /// Reads a PNG or JPEG of any depth as 8-bit sRGB, upright as its EXIF orientation says; transparency is dropped. Without
+    /// the `curve` of its camera its codes are sRGB.
     ///
     /// # Errors
     /// [`ViewError::Read`] when the file is missing or broken.
-    pub fn load(path: &Path) -> Result<Self, ViewError> {
+    pub fn load(path: &Path, curve: Option<&ViewCurve>) -> Result<Self, ViewError> {
         let unreadable = |reason: String| ViewError::Read { path: path.to_path_buf(), reason };
-        let picture = decode(path).map_err(|e| unreadable(e.to_string()))?.into_rgb8();
+        let picture = decode(path).map_err(|e| unreadable(e.to_string()))?;
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         if width == 0 || height == 0 {
             return Err(unreadable("it has no pixels".into()));
         }
-        let packed = picture.pixels().map(|p| u32::from_be_bytes([0, p[0], p[1], p[2]]));
-        Ok(Still { width, height, pixels_bgrx: packed.collect() })
+        let pixels_bgrx = match curve {
+            Some(curve) => by_curve(&picture.into_rgb16(), curve),
+            None => picture.into_rgb8().pixels().map(|p| u32::from_be_bytes([0, p[0], p[1], p[2]])).collect(),
+        };
+        Ok(Still { width, height, pixels_bgrx })
     }
 
-    /// Reads a still that must have the field's size.
+    /// Reads a still that must have the size of the field, width and height; see [`Still::load`].
     ///
     /// # Errors
     /// [`ViewError::Read`]; [`ViewError::Size`] naming both sizes.
-    pub fn load_sized(path: &Path, width: usize, height: usize) -> Result<Self, ViewError> {
-        let still = Still::load(path)?;
-        if (still.width, still.height) != (width, height) {
-            let found = (still.width, still.height);
-            return Err(ViewError::Size { path: path.to_path_buf(), found, field: (width, height) });
+    pub fn load_sized(path: &Path, field: (usize, usize), curve: Option<&ViewCurve>) -> Result<Self, ViewError> {
+        let still = Still::load(path, curve)?;
+        let found = (still.width, still.height);
+        if found != field {
+            return Err(ViewError::Size { path: path.to_path_buf(), found, field });
         }
         Ok(still)
     }
@@ -79,6 +86,17 @@ impl Still {
     pub fn black(width: usize, height: usize) -> Self {
         Still { width, height, pixels_bgrx: vec![0; width * height] }
     }
+}
+
+/// A picture whose codes are a camera's own.
+fn by_curve(picture: &image::ImageBuffer<image::Rgb<u16>, Vec<u16>>, curve: &ViewCurve) -> Vec<u32> {
+    let tables = LightTables::new(Some(curve), 65536);
+    let shown = tables.shown();
+    let pixel = |rgb: &image::Rgb<u16>| {
+        let [r, g, b] = [0, 1, 2].map(|channel| shown[channel][usize::from(rgb[channel])]);
+        u32::from_be_bytes([0, r, g, b])
+    };
+    picture.pixels().map(pixel).collect()
 }
 
 fn decode(path: &Path) -> Result<image::DynamicImage, image::ImageError> {
@@ -101,8 +119,22 @@ mod tests {
         let path = folder.path().join("still.png");
         let deep = image::ImageBuffer::from_fn(2, 1, |x, _| image::Rgb([65535u16, 257 * 18, 257 * (x as u16)]));
         image::DynamicImage::ImageRgb16(deep).save(&path).unwrap();
-        let still = Still::load_sized(&path, 2, 1).unwrap();
+        let still = Still::load_sized(&path, (2, 1), None).unwrap();
         assert_eq!(still.pixels_bgrx, [0x00ff_1200, 0x00ff_1201]);
+    }
+
+    #[test]
+    fn a_still_of_another_curve_becomes_srgb_at_either_depth() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("still.png");
+        let linear = ViewCurve::new(crate::response::Response::default(), "linear").unwrap();
+        // Half of white's light is sRGB code 188.
+        image::RgbImage::from_pixel(1, 1, image::Rgb([128, 255, 0])).save(&path).unwrap();
+        assert_eq!(Still::load(&path, Some(&linear)).unwrap().pixels_bgrx, [0x00bc_ff00]);
+        let deep = image::ImageBuffer::from_pixel(1, 1, image::Rgb([32768u16, 33, 65535]));
+        image::DynamicImage::ImageRgb16(deep).save(&path).unwrap();
+        // 33 / 65535 of white is sRGB code 1.66: 8 bits would have rounded it to nothing.
+        assert_eq!(Still::load(&path, Some(&linear)).unwrap().pixels_bgrx, [0x00bc_02ff]);
     }
 
     #[test]
@@ -110,7 +142,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("still.png");
         image::RgbImage::new(4, 3).save(&path).unwrap();
-        let text = Still::load_sized(&path, 512, 384).unwrap_err().to_string();
+        let text = Still::load_sized(&path, (512, 384), None).unwrap_err().to_string();
         assert!(text.contains("4x3") && text.contains("crop it to 512x384") && text.contains("still.png"), "{text}");
     }
 
@@ -119,7 +151,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("still.png");
         std::fs::write(&path, "not a picture").unwrap();
-        assert!(matches!(Still::load(&path), Err(ViewError::Read { .. })));
-        assert!(matches!(Still::load(&folder.path().join("none.jpg")), Err(ViewError::Read { .. })));
+        assert!(matches!(Still::load(&path, None), Err(ViewError::Read { .. })));
+        assert!(matches!(Still::load(&folder.path().join("none.jpg"), None), Err(ViewError::Read { .. })));
     }
 }

@@ -7,6 +7,7 @@ pub mod light;
 pub mod patcherror;
 pub mod picture;
 pub mod program;
+pub mod receiversite;
 pub mod scene;
 pub mod skip;
 pub mod skycamera;

@@ -3,61 +3,29 @@
 #![allow(clippy::unwrap_used)]
 
 use relume::damage::Damage;
-use relume::map::RadianceMap;
 use relume::painter::{Painter, field::FieldPainter};
 use relume::weights::PatchWeights;
-use relume_bake::environment::{Environment, Reference, reference};
-use relume_bake::material::Shading;
+use relume_bake::environment::Reference;
 use relume_bake::scene::{Role, Scene};
 use relume_tests::files::{fresh_folder, put};
 use relume_tests::light::{Light, patches};
 use relume_tests::picture::{read_exr, read_grey};
 use relume_tests::program::{bake_in, relume_in};
+use relume_tests::receiversite::{
+    SIZE, bake_args as args, bake_site, clear, code, linear, off, overcast, save_view, scene_of, sun_dir_world,
+};
 use relume_tests::scene::{courtyard, glb, site, write_site};
 use std::path::Path;
 use std::sync::OnceLock;
-
-const SIZE: (u32, u32) = (96, 64);
-const SUN: &str = "230,38";
 
 /// A folder with the site baked, and its stacks.
 fn baked() -> &'static Path {
     static FOLDER: OnceLock<std::path::PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
         let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "receivers");
-        write_site(&folder);
-        bake_in(&folder, &args("scene", "a.field", &["--stack", "stack", "--sun", SUN])).well();
+        bake_site(&folder);
         folder
     })
-}
-
-fn args<'a>(command: &'a str, out: &'a str, more: &[&'a str]) -> Vec<&'a str> {
-    let args = [
-        command,
-        "scene.glb",
-        "--camera",
-        "camera.json",
-        "--size",
-        "96x64",
-        "--directions",
-        "128",
-        "--materials",
-        "lambert",
-        "-o",
-        out,
-    ];
-    [&args[..], more].concat()
-}
-
-/// sRGB of linear light (IEC 61966-2-1), and back.
-fn code(linear: f64) -> f64 {
-    let v = linear.clamp(0.0, 1.0);
-    255.0 * if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
-}
-
-fn linear(code: u8) -> f64 {
-    let v = f64::from(code) / 255.0;
-    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
 
 fn read_png(path: &Path) -> image::RgbImage {
@@ -65,11 +33,11 @@ fn read_png(path: &Path) -> image::RgbImage {
 }
 
 fn as_view(folder: &Path, name: &str, picture: &Reference, exposure: f64) {
-    let rgb = |x, y| {
-        let pixel = picture.rgb[(y * picture.width + x) as usize];
-        image::Rgb(pixel.map(|v| code(f64::from(v) * exposure).round() as u8))
-    };
-    image::RgbImage::from_fn(picture.width, picture.height, rgb).save(folder.join(name)).unwrap();
+    save_view(&folder.join(name), picture, |light, _| code(light * exposure));
+}
+
+fn scene() -> Scene {
+    scene_of(baked())
 }
 
 #[test]
@@ -111,91 +79,14 @@ fn the_view_is_multiplied_by_what_the_stacks_say() {
     }
 }
 
-/// A map of 128 x 64 pixels, and a sun.
-struct Sky {
-    name: &'static str,
-    pixels: Vec<[f32; 3]>,
-    sun: Option<([f32; 3], [f32; 3])>,
-}
-
-/// Direction of the stack's sun.
-fn sun_dir_world() -> [f32; 3] {
-    let (azimuth, altitude) = (230f32.to_radians(), 38f32.to_radians());
-    [altitude.cos() * azimuth.sin(), altitude.sin(), -altitude.cos() * azimuth.cos()]
-}
-
-/// A sky that brightens towards -X, with a sun.
-fn clear() -> Sky {
-    let pixel = |k: usize| {
-        let (x, row) = ((k % 128) as f32 / 128.0, k / 128);
-        let glow = (std::f32::consts::TAU * x).cos() + 1.0;
-        if row < 32 { [0.3 + 0.3 * glow, 0.4 + 0.3 * glow, 0.7 + 0.2 * glow] } else { [0.25, 0.24, 0.2] }
-    };
-    Sky { name: "clear", pixels: (0..128 * 64).map(pixel).collect(), sun: Some((sun_dir_world(), [3.0, 2.8, 2.5])) }
-}
-
-/// A grey one, three times as bright at the zenith as at the horizon (Moon and Spencer).
-fn overcast() -> Sky {
-    let pixel = |k: usize| {
-        let height = (std::f32::consts::PI * ((k / 128) as f32 + 0.5) / 64.0).cos();
-        if height > 0.0 {
-            [0.3 * (1.0 + 2.0 * height), 0.31 * (1.0 + 2.0 * height), 0.33 * (1.0 + 2.0 * height)]
-        } else {
-            [0.1; 3]
-        }
-    };
-    Sky { name: "overcast", pixels: (0..128 * 64).map(pixel).collect(), sun: None }
-}
-
-impl Sky {
-    /// What the camera of the site sees of a scene under it, by a path tracer that knows neither patches nor fields.
-    fn traced(&self, scene: &Scene, seed: u64) -> Reference {
-        let camera = relume_bake::camera::Camera::load(&baked().join("camera.json")).unwrap();
-        let environment = Environment::new(128, 64, self.pixels.clone(), self.sun).unwrap();
-        reference(scene, &camera, &environment, SIZE, 400, seed)
-    }
-
-    /// Its weights for the site's field.
-    fn light(&self) -> Light {
-        let (folder, file) = (baked(), baked().join(format!("{}.exr", self.name)));
-        relume_tests::picture::write_exr(&file, (128, 64), |x, y| self.pixels[y * 128 + x]);
-        let map = RadianceMap::load(&file).unwrap();
-        let field = relume::relight::FieldFile::open(&folder.join("a.field")).unwrap();
-        let sky = relume::split::weights(&map, field.field().patch_set(), 0.0).unwrap();
-        assert!(sky.sun.is_none());
-        let radiance = sky.radiance.iter().map(|rgb| rgb.map(f64::from)).collect();
-        Light { radiance, sun: self.sun.map(|(_, light)| light.map(f64::from)) }
-    }
-
-    /// The same as a file.
-    fn csv(&self) -> String {
-        let name = format!("{}.csv", self.name);
-        put(&baked().join(&name), self.light().csv(&baked().join("stack")));
-        name
-    }
-}
-
-fn scene() -> Scene {
-    relume_bake::scene::load(&baked().join("scene.glb"), Shading::Lambert).unwrap().scene
-}
-
-/// Codes between two pictures: median, 95 %, mean.
-fn off(a: &image::RgbImage, b: &image::RgbImage) -> (f64, f64, f64) {
-    let differences = a.as_raw().iter().zip(b.as_raw()).map(|(&a, &b)| f64::from(a.abs_diff(b)));
-    let mut differences: Vec<f64> = differences.collect();
-    differences.sort_by(f64::total_cmp);
-    let at = |share: f64| differences[(share * (differences.len() - 1) as f64) as usize];
-    (at(0.5), at(0.95), differences.iter().sum::<f64>() / differences.len() as f64)
-}
-
 #[test]
 fn a_real_picture_with_the_house_put_in_is_the_picture_of_the_house() {
     let (folder, scene, sky) = (baked(), scene(), clear());
     let own = patches(&folder.join("stack")).1.unwrap().dir_world;
     assert!((0..3).all(|k| (own[k] - f64::from(sun_dir_world()[k])).abs() < 1e-3), "{own:?}");
-    as_view(folder, "real.png", &sky.traced(&scene.real(), 1), 0.5);
-    as_view(folder, "whole.png", &sky.traced(&scene, 2), 0.5);
-    let (weights, view) = (sky.csv(), "real.png");
+    as_view(folder, "real.png", &sky.traced(folder, &scene.real(), 1), 0.5);
+    as_view(folder, "whole.png", &sky.traced(folder, &scene, 2), 0.5);
+    let (weights, view) = (sky.csv(folder), "real.png");
     let relight = ["relight", "a.field", "--weights", &weights, "--view", view, "--exposure", "-1", "-o", "shown.png"];
     relume_in(folder, &relight).well();
     let [real, whole, shown] = ["real.png", "whole.png", "shown.png"].map(|name| read_png(&folder.join(name)));
@@ -209,9 +100,9 @@ fn a_real_picture_with_the_house_put_in_is_the_picture_of_the_house() {
 fn a_still_of_a_sunny_day_is_shown_on_a_grey_one() {
     let (folder, scene) = (baked(), scene());
     let (then, now) = (clear(), overcast());
-    as_view(folder, "then.png", &then.traced(&scene.real(), 3), 0.6);
-    as_view(folder, "now.png", &now.traced(&scene, 4), 0.8);
-    let (then_light, weights) = (then.csv(), now.csv());
+    as_view(folder, "then.png", &then.traced(folder, &scene.real(), 3), 0.6);
+    as_view(folder, "now.png", &now.traced(folder, &scene, 4), 0.8);
+    let (then_light, weights) = (then.csv(folder), now.csv(folder));
     let args = ["relight", "a.field", "--weights", &weights, "--view", "then.png", "--exposure", "-0.321928", "-o"];
     relume_in(folder, &[&args[..], &["still.png", "--view-light", &then_light]].concat()).well();
     relume_in(folder, &[&args[..], &["as_it_was.png"]].concat()).well();
@@ -231,7 +122,7 @@ fn painter<'f>(file: &'f relume::relight::FieldFile, view: &image::RgbImage) -> 
     let still = relume::view::Still { width: SIZE.0 as usize, height: SIZE.1 as usize, pixels_bgrx };
     let mut painter = FieldPainter::new(file.field(), still, 1);
     painter.show_receivers(file.receivers());
-    let weights = PatchWeights::load(&baked().join(clear().csv()), file.field().patch_set()).unwrap();
+    let weights = PatchWeights::load(&baked().join(clear().csv(baked())), file.field().patch_set()).unwrap();
     painter.relight(&weights, 1.0).unwrap();
     (painter, weights)
 }
@@ -282,7 +173,7 @@ fn where_receivers_change_the_view_is_composited_and_nowhere_else() {
 fn visitors_do_not_change_what_is_known_of_the_views_exposure() {
     let folder = baked();
     let exposures = [0.45, 0.5, 0.4];
-    let real = clear().traced(&scene().real(), 5);
+    let real = clear().traced(folder, &scene().real(), 5);
     let mut tinted = real.clone();
     tinted.rgb.iter_mut().for_each(|rgb| (0..3).for_each(|c| rgb[c] *= exposures[c] as f32));
     as_view(folder, "tinted.png", &tinted, 1.0);
@@ -308,7 +199,7 @@ fn visitors_do_not_change_what_is_known_of_the_views_exposure() {
 #[test]
 fn a_post_follows_a_view_camera_that_exposes_anew() {
     let folder = baked();
-    let real = clear().traced(&scene().real(), 6);
+    let real = clear().traced(folder, &scene().real(), 6);
     std::fs::create_dir_all(folder.join("views")).unwrap();
     let mut list = Vec::new();
     for (number, exposure) in [0.3, 0.3, 0.6, 0.6].into_iter().enumerate() {
@@ -316,14 +207,7 @@ fn a_post_follows_a_view_camera_that_exposes_anew() {
         list.push(format!("{{\"file\":\"{number}.png\",\"time_s\":0.01}}"));
     }
     put(&folder.join("views/frames.json"), format!("[{}]", list.join(",")));
-    let light = clear().light();
-    let sun = light.sun.map(|light| (sun_dir_world(), light));
-    let logged = [0, 1, 2, 3].map(|frame| {
-        let unix_s = 1_782_014_400.0 + f64::from(frame);
-        serde_json::json!({"frame": frame, "unix_s": unix_s, "exposures": [], "radiance": light.radiance, "sun": sun})
-            .to_string()
-    });
-    put(&folder.join("light.jsonl"), logged.join("\n") + "\n");
+    clear().log(folder, 4);
     let run = |name: &str, frames: u32| {
         let text = format!(
             "field = 'a.field'\nsky = 'logged'\n[camera]\nlight_log = 'light.jsonl'\n[view_camera]\nframes = 'views'\n\

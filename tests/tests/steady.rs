@@ -11,8 +11,10 @@ use relume::painter::Painter;
 use relume::painter::field::FieldPainter;
 use relume::post::{Parts, Post, Signals};
 use relume::relight::FieldFile;
+use relume::response::Response;
 use relume::sky_source::{SkyFault, SkyReading, SkySource, SunSource};
 use relume::view::Still;
+use relume::view::curve::ViewCurve;
 use relume::view::live::{CameraView, ViewSource};
 use relume::weights::{PatchWeights, SunWeight};
 use relume_tests::counting::{Counting, allocations, held_bytes};
@@ -166,7 +168,10 @@ fn frames_of_a_drifting_sky_allocate_nothing() {
 /// The camera's pictures are taken and scaled on this thread, so that they count.
 #[test]
 fn frames_of_a_live_view_allocate_nothing() {
-    run_steadily("live", Some(Box::new(CameraView::new("camera", Box::new(Moving(0)), (64, 48)))));
+    let view = || CameraView::new("camera", Box::new(Moving(0)), (64, 48));
+    run_steadily("live", Some(Box::new(view())));
+    let curve = ViewCurve::new(Response::default(), "a linear camera").unwrap();
+    run_steadily("by_curve", Some(Box::new(view().with_curve(Some(curve)))));
 }
 
 /// MJPG is the one format whose unpacking asks for memory: that of the decoder (zune-jpeg by `image`), which makes its tables

@@ -11,8 +11,10 @@ use crate::health::WELL;
 use crate::painter::field::FieldPainter;
 use crate::post::{Parts, Post, Signals};
 use crate::relight::FieldFile;
+use crate::response::Response;
 use crate::sky_source::{SkyFault, SkyReading, SkySource};
 use crate::view::Still;
+use crate::view::curve::ViewCurve;
 use crate::view::live::{BackgroundView, CameraView, ViewSource};
 use crate::weights::PatchWeights;
 use anyhow::Context;
@@ -43,7 +45,9 @@ pub struct LoopReport {
     pub still_view: LoopCost,
     /// A camera's picture behind, a new one for every frame, of the field's size.
     pub live_view: LoopCost,
-    /// The same with pictures half as wide and half as high, which are scaled.
+    /// The same through the curve of the view's camera.
+    pub live_view_by_curve: LoopCost,
+    /// The same as they are, with pictures half as wide and half as high, which are scaled.
     pub live_view_scaled: LoopCost,
 }
 
@@ -58,7 +62,7 @@ pub struct LoopCost {
     pub frames_composited: Option<u64>,
 }
 
-/// Runs a post with this field three times.
+/// Runs a post with this field once per case.
 ///
 /// # Errors
 /// If the field cannot be read, or a post does not run.
@@ -66,20 +70,22 @@ pub fn run(field: &Path) -> anyhow::Result<LoopReport> {
     // A post shows one field until it ends.
     let file: &'static FieldFile = Box::leak(Box::new(FieldFile::open(field)?));
     let size = (file.field().width(), file.field().height());
-    let live = |parts: usize| -> anyhow::Result<Box<dyn ViewSource>> {
+    let live = |parts: usize, curve: Option<ViewCurve>| -> anyhow::Result<Box<dyn ViewSource>> {
         let camera = Moving { size: (size.0 / parts, size.1 / parts), number: 0 };
-        let view = CameraView::new("camera", Box::new(camera), size);
+        let view = CameraView::new("camera", Box::new(camera), size).with_curve(curve);
         let mut view = BackgroundView::start(view, Duration::from_secs_f64(1.0 / PACE))?;
         view.wait(FIRST_PICTURE, &AtomicBool::new(false));
         Ok(Box::new(view))
     };
+    let linear = ViewCurve::new(Response::default(), "a linear camera")?;
     Ok(LoopReport {
         width_px: size.0,
         height_px: size.1,
         frames: FRAMES,
         still_view: cost(file, None)?,
-        live_view: cost(file, Some(live(1)?))?,
-        live_view_scaled: cost(file, Some(live(2)?))?,
+        live_view: cost(file, Some(live(1, None)?))?,
+        live_view_by_curve: cost(file, Some(live(1, Some(linear))?))?,
+        live_view_scaled: cost(file, Some(live(2, None)?))?,
     })
 }
 
@@ -197,6 +203,7 @@ impl std::fmt::Display for LoopReport {
         let cases = [
             ("still behind", self.still_view),
             ("live view", self.live_view),
+            ("live view by its curve", self.live_view_by_curve),
             ("live view of half the size", self.live_view_scaled),
         ];
         for (name, cost) in cases {

@@ -25,7 +25,8 @@ bound below the true error is a failure (exit code 1).
   --cache MIB         size of the last-level cache, where the system's own answer is not to be taken
   --loop-only         nothing but the loop of a post under a still sky at 30 frames a second, over a still and over a live
                       view, from the camera's codes to the display's memory. With --json: width_px, height_px, frames, and
-                      still_view, live_view, live_view_scaled, each cpu_ms_per_frame, share_of_core, frames_composited
+                      still_view, live_view, live_view_by_curve, live_view_scaled, each cpu_ms_per_frame, share_of_core,
+                      frames_composited
   --plot OUT.png      time against error as a picture (with --stack)
   --json              the figures as one JSON object on standard output:
     skies, skies_with_sun, width_px, height_px, covered_px

@@ -1,18 +1,17 @@
 //! `relume check`: what is wrong with a post, in plain words, before it opens.
 
 mod machine;
+mod receivers;
+mod view;
 
 use super::args::{Command, post_arguments};
 use crate::camera::replay::ReplayCamera;
-use crate::camera::{Camera, CameraLimits};
 use crate::colour::CameraColour;
-use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind, ViewCamera};
+use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind};
 use crate::display::headless::Headless;
 use crate::failure::Failure;
 use crate::lens::Lens;
 use crate::relight::FieldFile;
-use crate::view::Still;
-use crate::view::fit::Fit;
 use embedded_graphics::geometry::Size;
 use relume_firmware::overlay::{Overlay, Words, first_unreadable};
 use serde::Serialize;
@@ -28,6 +27,10 @@ relume check POST.toml [--json]
 Reads the post's file and everything it names, and prints a table of what is well and what is not. Exit code 0 when the
 post can open, 2 when something must be put right first.
 
+Where there are a view, receivers in it and the sky's light, it compares the view with the receivers in that light: `see`
+marks what is noticed beside the picture (exposure, colour, evenness, pose) and says what to calibrate; the post opens all
+the same.
+
   --json    the same as one JSON object on standard output
 ",
     act,
@@ -38,6 +41,8 @@ post can open, 2 when something must be put right first.
 struct Row {
     what: &'static str,
     ok: bool,
+    /// Nothing that keeps the post from opening, but worth a calibration.
+    is_advice: bool,
     words: String,
 }
 
@@ -53,13 +58,27 @@ impl Table {
             Ok((value, words)) => (true, words, Some(value)),
             Err(error) => (false, error.to_string(), None),
         };
-        self.rows.push(Row { what, ok, words });
+        self.rows.push(Row { what, ok, is_advice: false, words });
         value
     }
 
+    /// Adds a line about what is well, or cannot be told.
+    fn say(&mut self, what: &'static str, words: String) {
+        self.rows.push(Row { what, ok: true, is_advice: false, words });
+    }
+
+    /// Adds a line about what would be better otherwise.
+    fn advise(&mut self, what: &'static str, words: String) {
+        self.rows.push(Row { what, ok: true, is_advice: true, words });
+    }
+
     fn text(&self) -> String {
-        let mark = |ok| if ok { "ok " } else { "BAD" };
-        self.rows.iter().map(|row| format!("{}  {:<8}  {}\n", mark(row.ok), row.what, row.words)).collect()
+        let mark = |row: &Row| match (row.ok, row.is_advice) {
+            (false, _) => "BAD",
+            (true, true) => "see",
+            (true, false) => "ok ",
+        };
+        self.rows.iter().map(|row| format!("{}  {:<9}  {}\n", mark(row), row.what, row.words)).collect()
     }
 }
 
@@ -83,15 +102,9 @@ fn check(file: &Path) -> Table {
     let Some(config) = table.add("file", config) else { return table };
     let size = field(&config, &mut table);
     table.add("words", Ok::<_, String>(((), words(&config, size))));
-    if let Some(path) = &config.view {
-        let still = match size {
-            Some((width, height)) => Still::load_sized(path, width, height),
-            None => Still::load(path),
-        };
-        table.add("view", still.map(|s| ((), format!("{}: {}x{}", path.display(), s.width, s.height))));
-    }
-    let behind = config.view_camera.as_ref().and_then(|camera| live_view(&config, camera, size, &mut table));
+    let mut behind = view::behind(&config, size, &mut table);
     sky(&config, &mut table);
+    receivers::receivers(&config, &mut behind, &mut table);
     drop(behind);
     table.add("display", display(&config, size.unwrap_or((1, 1))).map(|words| ((), words)));
     let state = crate::outfile::check_writable(&config.health);
@@ -125,48 +138,6 @@ fn words(config: &Config, size: Option<(usize, usize)>) -> String {
             format!("title and caption are cut off at {width}x{height}; shorten them")
         }
         _ => "title and caption can be read".into(),
-    }
-}
-
-/// The camera of a live view; `size` is the field's. It goes on streaming while the sky's is looked at, as it will later: one
-/// USB bus may have no room for both.
-fn live_view(
-    config: &Config,
-    camera: &ViewCamera,
-    size: Option<(usize, usize)>,
-    table: &mut Table,
-) -> Option<Box<dyn Camera>> {
-    match camera {
-        ViewCamera::Frames(folder) => {
-            let frames = ReplayCamera::open(folder, true).map_err(|error| error.to_string());
-            let found = frames.and_then(|frames| {
-                let CameraLimits { width, height, .. } = frames.limits();
-                let words = format!("frames from {}: {}", folder.display(), fitted((width, height), size)?);
-                Ok((Box::new(frames) as Box<dyn Camera>, words))
-            });
-            table.add("live", found)
-        }
-        #[cfg(feature = "board")]
-        ViewCamera::Device { .. } => {
-            let _ = config;
-            machine::view_camera(camera, size, table)
-        }
-        #[cfg(not(feature = "board"))]
-        ViewCamera::Device { .. } => {
-            table.add("live", Err::<(Box<dyn Camera>, String), _>(super::run::no_drivers(config, "view_camera.device")))
-        }
-    }
-}
-
-/// How a picture of `found` pixels stands behind a field of `size`.
-fn fitted(found: (usize, usize), size: Option<(usize, usize)>) -> Result<String, String> {
-    let words = format!("{}x{}", found.0, found.1);
-    match size {
-        Some(size) if size != found => {
-            Fit::new(size).check(found).map_err(|error| error.to_string())?;
-            Ok(format!("{words}, scaled to {}x{}", size.0, size.1))
-        }
-        _ => Ok(words),
     }
 }
 

@@ -13,6 +13,7 @@ use crate::picture::{PictureFormat, composite, write_exr, write_png};
 use crate::relight::{FieldFile, Picture, Relighter};
 use crate::sun::position_of;
 use crate::view::Still;
+use crate::view::curve::ViewCurve;
 use crate::view::mask::Mask;
 use crate::weights::{PatchWeights, SunWeight};
 use relume_firmware::field::Field;
@@ -24,7 +25,7 @@ pub(super) const COMMAND: Command = Command {
     name: "relight",
     help: "\
 relume relight FIELD (--sky MAP | --weights W.csv | --light X,Y,Z) -o OUT.exr|OUT.png
-       [--env-rot DEG] [--view STILL [--view-light MAP|W.csv] [--mask MASK]] [--exposure EV] [--exact STACK_DIR] [--json]
+       [--env-rot DEG] [--view STILL [--view-light MAP|W.csv] [--view-response CURVE.csv] [--mask MASK]] [--exposure EV] [--exact STACK_DIR] [--json]
 
   --sky MAP          lat-long radiance map (.hdr, .exr); its sun becomes a light of its own
   --env-rot DEG      turns the map about +Y; positive turns +Z towards +X
@@ -35,6 +36,7 @@ relume relight FIELD (--sky MAP | --weights W.csv | --light X,Y,Z) -o OUT.exr|OU
                      Receivers in it (scenes with `relume = receiver`) take the shadow of what is shown
   --view-light LIGHT the light that the still was taken in, as --sky or --weights take it: the still is relit, too, by what
                      it shows of receivers; everything else of it follows the brightness
+  --view-response C  the curve of the still's camera, as `relume sky response` writes it; its codes are sRGB if left out
   --mask MASK        a grey picture of the field's size: the view is in front where it is white
   --exposure EV      PNG only: radiance x 2^EV is display white at 1.
                      Left out: 0.8 / the 99th percentile of the covered channel values of this picture
@@ -59,6 +61,7 @@ struct Options {
     env_rot_deg: Option<f64>,
     view: Option<PathBuf>,
     view_light: Option<PathBuf>,
+    view_response: Option<PathBuf>,
     mask: Option<PathBuf>,
     exposure_ev: Option<f64>,
     exact: Option<PathBuf>,
@@ -117,6 +120,7 @@ fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
             Long("env-rot") => o.env_rot_deg = Some(number(parser, "--env-rot", -360.0..=360.0)?),
             Long("view") => o.view = Some(parser.value()?.into()),
             Long("view-light") => o.view_light = Some(parser.value()?.into()),
+            Long("view-response") => o.view_response = Some(parser.value()?.into()),
             Long("mask") => o.mask = Some(parser.value()?.into()),
             Long("exposure") => o.exposure_ev = Some(number(parser, "--exposure", EV_RANGE)?),
             Long("exact") => o.exact = Some(parser.value()?.into()),
@@ -143,8 +147,11 @@ impl Options {
         if self.env_rot_deg.is_some() && !matches!(light, Light::Map(_)) {
             return Err(Failure::bad("--env-rot turns a map; it needs --sky"));
         }
-        if self.view.is_none() && (self.view_light.is_some() || self.mask.is_some()) {
-            return Err(Failure::bad("--view-light and --mask are about the view; they need --view STILL"));
+        let about_view = [&self.view_light, &self.view_response, &self.mask];
+        if self.view.is_none() && about_view.iter().any(|option| option.is_some()) {
+            return Err(Failure::bad(
+                "--view-light, --view-response and --mask are about the view; they need --view STILL",
+            ));
         }
         if self.exact.is_some() && (self.view_light.is_some() || self.mask.is_some()) {
             return Err(Failure::bad("--exact knows neither receivers nor masks; leave --view-light and --mask out"));
@@ -169,7 +176,10 @@ impl Options {
 
     fn still(&self, width: usize, height: usize) -> Result<Still, Failure> {
         match &self.view {
-            Some(path) => Still::load_sized(path, width, height).or_bad(),
+            Some(path) => {
+                let curve = self.view_response.as_ref().map(|path| ViewCurve::load(path).or_bad()).transpose()?;
+                Still::load_sized(path, (width, height), curve.as_ref()).or_bad()
+            }
             None => Ok(Still::black(width, height)),
         }
     }
@@ -276,15 +286,18 @@ fn write_shown(options: &Options, file: &FieldFile, weights: &PatchWeights) -> R
     Ok((Some(exposure), note))
 }
 
+/// Light of a file: weights per patch (.csv), or a map.
+pub(super) fn light_of(path: &Path, field: &Field<'_>) -> Result<PatchWeights, Failure> {
+    let patches = field.patch_set();
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv")) {
+        return PatchWeights::load(path, patches).or_bad();
+    }
+    crate::split::weights(&RadianceMap::load(path).or_bad()?, patches, 0.0).or_bad()
+}
+
 /// Has the still be relit that was taken in the light of a file: weights per patch (.csv), or a map.
 pub(super) fn relight_still(painter: &mut FieldPainter<'_>, path: &Path, field: &Field<'_>) -> Result<(), Failure> {
-    let patches = field.patch_set();
-    let is_csv = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-    let then = if is_csv {
-        PatchWeights::load(path, patches).or_bad()?
-    } else {
-        crate::split::weights(&RadianceMap::load(path).or_bad()?, patches, 0.0).or_bad()?
-    };
+    let then = light_of(path, field)?;
     if painter.relight_still(&then).or_bad()? {
         return Ok(());
     }

@@ -139,7 +139,9 @@ fn painter<'f>(config: &Config, file: &'f FieldFile) -> Result<FieldPainter<'f>,
     let field = file.field();
     let (width, height) = (field.width(), field.height());
     let still = match config.view.as_ref().filter(|_| !config.additive) {
-        Some(path) => Still::load_sized(path, width, height).or_bad()?,
+        Some(path) => {
+            Still::load_sized(path, (width, height), view::curve(&config.view_response)?.as_ref()).or_bad()?
+        }
         None => Still::black(width, height),
     };
     if config.exposure == ExposureMode::View && file.receivers().is_none() {
@@ -200,7 +202,8 @@ fn sky_source(
     Ok(Box::new(sky))
 }
 
-fn open_source(config: &Config, field: &Field<'_>) -> Result<Box<dyn SkySource + Send>, Failure> {
+/// The source itself.
+pub(super) fn open_source(config: &Config, field: &Field<'_>) -> Result<Box<dyn SkySource + Send>, Failure> {
     let (patches, north_deg) = (*field.patch_set(), f64::from(field.camera().north_deg));
     match (config.sky, config.site) {
         (SkyKind::Logged, _) => {

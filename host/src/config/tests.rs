@@ -56,6 +56,11 @@ fn a_view_is_a_still_a_camera_or_pictures_in_turn() {
     assert!(config.view.is_some_and(|still| still.ends_with("s.png")), "it stands until the camera's first picture");
     let config = load(&with("frames = 'pictures'\n")).unwrap();
     assert!(matches!(config.view_camera, Some(ViewCamera::Frames(folder)) if folder.ends_with("pictures")));
+    let both =
+        load(&format!("view_response = 's.csv'\n{}", with("frames = 'pictures'\nresponse = 'c.csv'\n"))).unwrap();
+    let ends = |path: Option<PathBuf>, name: &str| path.is_some_and(|path| path.ends_with(name));
+    assert!(ends(both.view_response, "s.csv") && ends(both.view_camera_response, "c.csv"));
+    refused(&format!("view_response = 's.csv'\n{LEAST}"), &["view_response", "view_camera.response"]);
     refused(&with(""), &["view_camera.device is missing", "relume devices"]);
     refused(&with("device = 'a'\nframes = 'b'\n"), &["exclude each other"]);
     refused(&with("frames = 'b'\nsize = '4x3'\n"), &["view_camera.size is only used with view_camera.device"]);

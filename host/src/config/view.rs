@@ -40,6 +40,13 @@ pub(super) fn check(r: &Reader) -> Result<(), ConfigError> {
             r.fault("view_light is the light that the still was taken in; name the still: view = \"site.png\"".into())
         );
     }
+    if r.has("view_response") && !r.has("view") {
+        return Err(r.fault(
+            "view_response is the curve of the camera that took the still: name the still (view), or write \
+             view_camera.response for a live view"
+                .into(),
+        ));
+    }
     if r.has("view_light") && r.has_table("view_camera") {
         return Err(r.fault("view_light is for stills; a camera's pictures are in today's light: remove it".into()));
     }

@@ -4,11 +4,12 @@ use super::Painter;
 use crate::damage::Damage;
 use crate::exposure::{automatic, automatic_of};
 use crate::relight::{
-    Backdrop, Budget, BudgetError, FrameCounters, Framebuffer, ReceiverLight, Relighter, Shading, View,
+    Backdrop, Budget, BudgetError, FrameCounters, Framebuffer, ReceiverLight, Relighter, Shading, Untold, View,
 };
 use crate::sun::{dir_world, position_of};
 use crate::sunband::nearest;
 use crate::view::Still;
+use crate::view::disagreement::Disagreement;
 use crate::view::gain::ViewGain;
 use crate::view::mask::Mask;
 use crate::weights::{PatchWeights, SunWeight};
@@ -75,6 +76,16 @@ impl<'f> FieldPainter<'f> {
     pub fn relight_still(&mut self, then: &PatchWeights) -> Result<bool, WeightError> {
         let Some(receivers) = &mut self.receivers else { return Ok(false) };
         receivers.set_still_light(then, self.view.pixels())
+    }
+
+    /// Where the view disagrees with the light of the field's receivers in it.
+    ///
+    /// # Errors
+    /// [`Untold`]: why it cannot be told.
+    pub fn disagreement(&mut self) -> Result<Disagreement, Untold> {
+        let receivers = self.receivers.as_mut().ok_or(Untold::Few(0))?;
+        receivers.follow();
+        receivers.disagreement(self.view.pixels())
     }
 
     /// Gets ready for a live view: what it shows first is composited only, like what comes later.

@@ -1,5 +1,9 @@
 //! Receivers in front of the post: their light with the virtual geometry and without it -> factors of the view.
 
+mod compared;
+
+pub use compared::Untold;
+
 use super::reading::{power_of_two, white_light};
 use super::{Relighter, Shading};
 use crate::view::gain::{ViewGain, middle};
@@ -71,7 +75,7 @@ pub struct ReceiverLight<'f> {
     /// What light of the view is multiplied by besides, per channel: of receivers, and of everything else.
     scales: [(f32, f32); 3],
     is_rescaled: bool,
-    /// Pixels that show nothing but receivers.
+    /// Pixels that show nothing but receivers, spread over the picture.
     whole: Vec<WholePixel>,
     /// Room for the logarithms of their gains.
     logs: Vec<f64>,
@@ -97,8 +101,10 @@ impl<'f> ReceiverLight<'f> {
                 shares[tile.plane_at / 3 + k] = share_of_view(receiver, covered[place]);
             }
         }
+        let whole = whole_pixels(&with, &shares);
+        let step = whole.len().div_ceil(GAUGES).max(1);
         ReceiverLight {
-            whole: whole_pixels(&with, &shares),
+            whole: whole.into_iter().step_by(step).collect(),
             light: [vec![0.0; length], vec![0.0; length]],
             shading: Shading::new((0..tiles).map(|index| with.tile(index).pixels() > 0)),
             with,
@@ -231,7 +237,7 @@ impl<'f> ReceiverLight<'f> {
     }
 }
 
-/// Pixels that are all receiver, spread over the picture.
+/// All pixels that show nothing but receivers.
 fn whole_pixels(receivers: &Relighter<'_>, shares: &[f32]) -> Vec<WholePixel> {
     let field = receivers.field();
     let (width, columns) = (field.width(), field.response().grid().0);
@@ -247,8 +253,7 @@ fn whole_pixels(receivers: &Relighter<'_>, shares: &[f32]) -> Vec<WholePixel> {
             }
         }
     }
-    let step = whole.len().div_ceil(GAUGES).max(1);
-    whole.into_iter().step_by(step).collect()
+    whole
 }
 
 impl ReceiverLight<'static> {

@@ -1,11 +1,11 @@
 //! A camera's picture as the view: 8-bit sRGB words of the field's size.
 //!
-//! A picture of that size is taken as it is. One of the same shape is scaled, in linear light: by a triangle as wide as the
-//! coarser of the two grids, that is bilinear when it grows and free of aliases when it shrinks. Other shapes are refused: what
-//! of a picture is to be seen is a question of lens and pose, not of scaling.
+//! A picture of that size is taken as it is, or by its camera's own curve ([`super::curve`]). One of the same shape is scaled,
+//! in linear light: by a triangle as wide as the coarser of the two grids, that is bilinear when it grows and free of aliases
+//! when it shrinks. Other shapes are refused: what of a picture is to be seen is a question of lens and pose, not of scaling.
 
+use super::curve::{LightTables, ViewCurve};
 use crate::camera::{Codes, Frame};
-use crate::picture::{srgb_code, srgb_linear};
 
 /// Shapes may differ by so much; the surplus is cut off on both sides.
 const SHAPE_TOLERANCE: f64 = 0.01;
@@ -28,13 +28,23 @@ pub struct ShapeError {
 #[derive(Clone, Debug)]
 pub struct Fit {
     size: (usize, usize),
+    curve: Option<ViewCurve>,
+    /// Where there is a curve, or something to scale.
+    tables: Option<LightTables>,
     scaler: Option<Scaler>,
 }
 
 impl Fit {
     /// For a field of `size` = width and height, px.
     pub fn new(size: (usize, usize)) -> Self {
-        Fit { size, scaler: None }
+        Fit { size, curve: None, tables: None, scaler: None }
+    }
+
+    /// Takes pictures by the curve of their camera; without one their codes are sRGB.
+    #[must_use]
+    pub fn with_curve(mut self, curve: Option<ViewCurve>) -> Self {
+        (self.curve, self.tables) = (curve, None);
+        self
     }
 
     /// Can a picture of `found` = width and height stand behind the field?
@@ -48,8 +58,8 @@ impl Fit {
         if fits { Ok(()) } else { Err(ShapeError { found, field: self.size }) }
     }
 
-    /// Fills `pixels_bgrx` (`0x00RRGGBB`, row 0 at the top) with a frame whose codes are sRGB; allocates only when a size has
-    /// changed. Codes of 16 bits are rounded to 8 first.
+    /// Fills `pixels_bgrx` (`0x00RRGGBB` sRGB, row 0 at the top) with a frame; allocates only when its size or depth has
+    /// changed. Codes of 16 bits that are sRGB are rounded to 8 first.
     ///
     /// # Errors
     /// [`ShapeError`]; the pixels then stay as they were.
@@ -61,23 +71,49 @@ impl Fit {
         if !same && self.scaler.as_ref().is_none_or(|scaler| scaler.from != from) {
             self.scaler = Some(Scaler::new(from, self.size));
         }
-        let scaler = self.scaler.as_mut().filter(|_| !same);
+        let has_curve = self.curve.is_some();
+        let codes = if has_curve && matches!(frame.codes, Codes::U16(_)) { 65536 } else { 256 };
+        if (has_curve || !same) && self.tables.as_ref().is_none_or(|tables| tables.codes() != codes) {
+            self.tables = Some(LightTables::new(self.curve.as_ref(), codes));
+        }
+        let way = match (&self.tables, &mut self.scaler) {
+            (Some(tables), Some(scaler)) if !same => Way::Scaled(scaler, tables),
+            (Some(tables), _) if has_curve => Way::ByCurve(tables),
+            _ => Way::AsItIs,
+        };
         match &frame.codes {
-            Codes::U8(codes) => bring(codes, |code| code, scaler, pixels_bgrx),
-            Codes::U16(codes) => bring(codes, |code| ((u32::from(code) + 128) / 257) as u8, scaler, pixels_bgrx),
+            Codes::U8(codes) => way.bring(codes, usize::from, pixels_bgrx),
+            Codes::U16(codes) if has_curve => way.bring(codes, usize::from, pixels_bgrx),
+            Codes::U16(codes) => way.bring(codes, |code| (usize::from(code) + 128) / 257, pixels_bgrx),
         }
         Ok(())
     }
 }
 
-/// Scales by `scaler`, or packs what has the right size.
-fn bring<T: Copy>(codes: &[T], code: impl Fn(T) -> u8, scaler: Option<&mut Scaler>, pixels_bgrx: &mut [u32]) {
-    match scaler {
-        Some(scaler) => scaler.scale(codes, code, pixels_bgrx),
-        None => {
-            for (pixel, rgb) in pixels_bgrx.iter_mut().zip(codes.chunks_exact(3)) {
-                *pixel = u32::from_be_bytes([0, code(rgb[0]), code(rgb[1]), code(rgb[2])]);
+/// How a picture's codes become the view's pixels.
+enum Way<'t> {
+    AsItIs,
+    ByCurve(&'t LightTables),
+    Scaled(&'t mut Scaler, &'t LightTables),
+}
+
+impl Way<'_> {
+    /// `place` of a code is that in the tables.
+    fn bring<T: Copy>(self, codes: &[T], place: impl Fn(T) -> usize, pixels_bgrx: &mut [u32]) {
+        let pixels = pixels_bgrx.iter_mut().zip(codes.chunks_exact(3));
+        match self {
+            Way::AsItIs => pixels.for_each(|(pixel, rgb)| {
+                let [r, g, b] = [0, 1, 2].map(|channel| place(rgb[channel]) as u8);
+                *pixel = u32::from_be_bytes([0, r, g, b]);
+            }),
+            Way::ByCurve(tables) => {
+                let shown = tables.shown();
+                pixels.for_each(|(pixel, rgb)| {
+                    let [r, g, b] = [0, 1, 2].map(|channel| shown[channel][place(rgb[channel])]);
+                    *pixel = u32::from_be_bytes([0, r, g, b]);
+                });
             }
+            Way::Scaled(scaler, tables) => scaler.scale(codes, place, tables, pixels_bgrx),
         }
     }
 }
@@ -132,9 +168,6 @@ struct Scaler {
     to: (usize, usize),
     columns: Taps,
     rows: Taps,
-    /// 16-bit linear light of every code, and back.
-    light: Vec<u16>,
-    codes: Vec<u8>,
     /// One row of the picture, linear.
     line: Vec<u16>,
     /// The picture with its rows scaled: `[from.height][to.width][3]`, linear.
@@ -152,20 +185,25 @@ impl Scaler {
             to,
             columns: Taps::new(from.0, to.0, pitch),
             rows: Taps::new(from.1, to.1, pitch),
-            light: (0..=255).map(|code| (65535.0 * srgb_linear(code)).round() as u16).collect(),
-            codes: (0..=65535).map(|light| srgb_code(f64::from(light) / 65535.0)).collect(),
             line: vec![0; from.0 * 3],
             between: vec![0; from.1 * to.0 * 3],
             sums: vec![0; to.0 * 3],
         }
     }
 
-    fn scale<T: Copy>(&mut self, codes: &[T], code: impl Fn(T) -> u8, pixels_bgrx: &mut [u32]) {
+    fn scale<T: Copy>(
+        &mut self,
+        codes: &[T],
+        place: impl Fn(T) -> usize,
+        tables: &LightTables,
+        pixels_bgrx: &mut [u32],
+    ) {
         const HALF: u32 = 1 << (WEIGHT_BITS - 1);
+        let light = tables.light();
         let across = self.to.0 * 3;
         for (row, out) in codes.chunks_exact(self.from.0 * 3).zip(self.between.chunks_exact_mut(across)) {
-            for (light, &value) in self.line.iter_mut().zip(row) {
-                *light = self.light[usize::from(code(value))];
+            for (pixel, rgb) in self.line.chunks_exact_mut(3).zip(row.chunks_exact(3)) {
+                (0..3).for_each(|channel| pixel[channel] = light[channel][place(rgb[channel])]);
             }
             for (x, pixel) in out.chunks_exact_mut(3).enumerate() {
                 let (first, weights) = self.columns.of(x);
@@ -183,7 +221,7 @@ impl Scaler {
                 self.sums.iter_mut().zip(row).for_each(|(sum, &value)| *sum += weight * u32::from(value));
             }
             for (pixel, sums) in out.iter_mut().zip(self.sums.chunks_exact(3)) {
-                let code = |sum: u32| self.codes[(sum >> WEIGHT_BITS) as usize];
+                let code = |sum: u32| tables.srgb(sum >> WEIGHT_BITS);
                 *pixel = u32::from_be_bytes([0, code(sums[0]), code(sums[1]), code(sums[2])]);
             }
         }
@@ -193,6 +231,8 @@ impl Scaler {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::picture::srgb_code;
+    use crate::response::Response;
 
     fn frame(width: usize, height: usize, rgb: impl Fn(usize, usize) -> [u8; 3]) -> Frame {
         let mut frame = Frame::default();
@@ -251,6 +291,45 @@ mod tests {
                 assert!(!inside || (off(0) <= 1 && off(1) <= 1), "{rgb:?} {expected:?} at {x} {y} of {width}x{height}");
             }
         }
+    }
+
+    /// Curves far from sRGB, another in each channel: a power law, and a film-like S over it.
+    fn film(code: f64, channel: usize) -> f64 {
+        let toe = code * code * (3.0 - 2.0 * code);
+        [code.powf(1.8), 0.5 * (toe + toe.powf(2.0)), code.powf(2.6)][channel]
+    }
+
+    fn by_film(size: (usize, usize)) -> Fit {
+        let code = |row: u32| f64::from(row) / 1024.0;
+        let rows = (0..=1024).map(|row| [code(row), film(code(row), 0), film(code(row), 1), film(code(row), 2)]);
+        let response = Response::from_rows(rows.collect(), "film").unwrap();
+        Fit::new(size).with_curve(Some(ViewCurve::new(response, "film").unwrap()))
+    }
+
+    #[test]
+    fn a_cameras_own_curve_is_taken_to_linear_light_at_every_size_and_depth() {
+        let mut pixels = Vec::new();
+        for (size, is_deep) in [((32, 18), false), ((32, 18), true), ((16, 9), false), ((48, 27), true)] {
+            let mut fit = by_film(size);
+            for code in 0..=255u8 {
+                let rgb = [code, 255 - code, code / 2];
+                let expected: [u8; 3] =
+                    std::array::from_fn(|channel| srgb_code(film(f64::from(rgb[channel]) / 255.0, channel)));
+                let mut picture = frame(32, 18, |_, _| rgb);
+                if is_deep {
+                    let deep = rgb.map(|code| 257 * u16::from(code));
+                    picture.codes_u16(32, 18).chunks_exact_mut(3).for_each(|pixel| pixel.copy_from_slice(&deep));
+                }
+                fit.fit(&picture, &mut pixels).unwrap();
+                let mut shown = pixels.iter().map(|word| word.to_be_bytes()).map(|[_, r, g, b]| [r, g, b]);
+                let off = |rgb: [u8; 3]| (0..3).map(|c| rgb[c].abs_diff(expected[c])).max();
+                assert!(shown.all(|rgb| off(rgb) <= Some(1)), "{expected:?} at {size:?}");
+            }
+        }
+        // Lines of black and white are half of white's light in every channel, whatever the curve.
+        let lines = frame(64, 36, |x, _| [if x % 2 == 0 { 0 } else { 255 }; 3]);
+        by_film((32, 18)).fit(&lines, &mut pixels).unwrap();
+        assert!(pixels[40..52].iter().all(|&word| word == 0xbc_bcbc), "{:x}", pixels[44]);
     }
 
     #[test]

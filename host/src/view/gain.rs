@@ -18,7 +18,7 @@ pub struct ViewGain {
 }
 
 /// Fewest values that tell anything.
-const FEWEST: usize = 64;
+pub const FEWEST: usize = 64;
 /// Where Tukey's weight ends, in standard deviations.
 const REACH: f64 = 4.685;
 /// A normal distribution's median absolute deviation, in standard deviations.

@@ -1,5 +1,6 @@
 //! A live view: the pictures of a second camera, of the field's size.
 
+use super::curve::ViewCurve;
 use super::fit::Fit;
 use crate::camera::{Camera, CameraError, Frame};
 use crate::newest::{Newest, SILENCE, Told};
@@ -39,6 +40,13 @@ impl CameraView {
     /// A view of `size` = width and height by `camera`, which faults call `name`.
     pub fn new(name: &str, camera: Box<dyn Camera>, size: (usize, usize)) -> Self {
         CameraView { name: name.into(), camera, frame: Frame::default(), fit: Fit::new(size) }
+    }
+
+    /// Takes the camera's pictures by its own curve; without one they count as sRGB.
+    #[must_use]
+    pub fn with_curve(mut self, curve: Option<ViewCurve>) -> Self {
+        self.fit = self.fit.with_curve(curve);
+        self
     }
 }
 

@@ -81,7 +81,7 @@ pub(super) fn view_camera(
     let opened = V4l2Camera::open(&settings).map_err(|error| format!("{}: {error}", settings.device));
     let found = opened.and_then(|mut camera| {
         let format = String::from_utf8_lossy(&camera.fourcc()).into_owned();
-        let shown = super::fitted(camera.layout().output_size(), size);
+        let shown = super::view::fitted(camera.layout().output_size(), size);
         let shown = shown.map_err(|what| format!("{}: {what}", camera.path()))?;
         let pace = pace(&mut camera)?;
         let words = format!("{}: {format} {shown}, {pace}", camera.path());
