@@ -328,7 +328,7 @@ fn middle_and_worst(figures: impl Iterator<Item = f64>) -> [f64; 2] {
 
 /// The worst of each day.
 fn days_in_words(moments: &[(&str, &Compared)]) -> String {
-    let of_day = |(day, ..): (&'static str, f32, u64)| {
+    let of_day = |day: &str| {
         let own = || moments.iter().filter(move |moment| moment.0 == day).map(|moment| moment.1);
         let worst = |pick: &dyn Fn(&Compared) -> f64| own().map(pick).fold(0.0, f64::max);
         format!(
@@ -345,7 +345,8 @@ fn days_in_words(moments: &[(&str, &Compared)]) -> String {
             100.0 * worst(&|m| m.gain_error.iter().fold(0.0, |most, error| error.abs().max(most)))
         )
     };
-    DAYS.map(of_day).concat()
+    let days = DAYS.iter().map(|(day, ..)| *day).filter(|day| moments.iter().any(|moment| moment.0 == *day));
+    days.map(of_day).collect()
 }
 
 fn canvas(pixels: &[u32]) -> Canvas {
