@@ -13,11 +13,10 @@ use image::codecs::png::PngEncoder;
 use relume_firmware::glue::outfile::{OutError, write_whole};
 use serde_json::{Value, json};
 
+use crate::glb::{FLOAT, Parts, container};
 use crate::material::{Alpha, Material};
 use crate::scene::{PROPERTY, Role, Scene, Triangle};
 use crate::texture::{Texture, Wrap};
-
-const FLOAT: u32 = 5126;
 
 /// Writes `scene` into `file`, whole or not at all.
 ///
@@ -38,9 +37,10 @@ fn glb(scene: &Scene) -> std::io::Result<Vec<u8>> {
     let mut nodes: Vec<Value> = Vec::new();
     for ((role, material), triangles) in &groups {
         nodes.push(json!({"mesh": meshes.len(), "extras": {PROPERTY: role.name()}}));
-        meshes.push(json!({"primitives": [{"attributes": parts.corners(triangles), "material": material}]}));
+        meshes.push(json!({"primitives": [{"attributes": corners(&mut parts, triangles), "material": material}]}));
     }
-    let images: Vec<Value> = scene.textures.iter().map(|texture| parts.picture(texture)).collect::<Result<_, _>>()?;
+    let images: Vec<Value> =
+        scene.textures.iter().map(|texture| picture(&mut parts, texture)).collect::<Result<_, _>>()?;
     let samplers: Vec<Value> = scene.textures.iter().map(sampler).collect();
     let textures: Vec<Value> = (0..images.len()).map(|at| json!({"source": at, "sampler": at})).collect();
     let mut root = json!({
@@ -53,7 +53,7 @@ fn glb(scene: &Scene) -> std::io::Result<Vec<u8>> {
         // glTF allows no empty lists.
         (root["images"], root["samplers"], root["textures"]) = (json!(images), json!(samplers), json!(textures));
     }
-    Ok(container(root.to_string().into_bytes(), parts.binary))
+    Ok(container(&root, &parts.binary))
 }
 
 fn sampler(texture: &Texture) -> Value {
@@ -82,69 +82,34 @@ fn material_entry(material: &Material) -> Value {
     entry
 }
 
-/// The binary part, its views and accessors while they grow.
-#[derive(Default)]
-struct Parts {
-    binary: Vec<u8>,
-    views: Vec<Value>,
-    accessors: Vec<Value>,
+/// Adds numbers of which `width` belong to a corner.
+fn numbers(parts: &mut Parts, values: &[f32], width: usize) -> usize {
+    let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+    let bound = |pick: fn(f32, f32) -> f32| -> Vec<f32> {
+        let of = |axis: usize| values.iter().skip(axis).step_by(width).copied().reduce(pick).unwrap_or(0.0);
+        (0..width).map(of).collect()
+    };
+    let bounds = (json!(bound(f32::min)), json!(bound(f32::max)));
+    parts.accessor(&bytes, values.len() / width, FLOAT, &format!("VEC{width}"), Some(bounds))
 }
 
-impl Parts {
-    fn view(&mut self, bytes: &[u8]) -> usize {
-        self.views.push(json!({"buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len()}));
-        self.binary.extend_from_slice(bytes);
-        self.binary.resize(self.binary.len().next_multiple_of(4), 0);
-        self.views.len() - 1
-    }
-
-    /// Numbers of which `width` belong to a corner.
-    fn accessor(&mut self, values: &[f32], width: usize) -> usize {
-        let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-        let view = self.view(&bytes);
-        let bound = |pick: fn(f32, f32) -> f32| -> Vec<f32> {
-            let of = |axis: usize| values.iter().skip(axis).step_by(width).copied().reduce(pick).unwrap_or(0.0);
-            (0..width).map(of).collect()
-        };
-        let (count, kind) = (values.len() / width, format!("VEC{width}"));
-        self.accessors.push(json!({
-            "bufferView": view, "componentType": FLOAT, "count": count, "type": kind,
-            "min": bound(f32::min), "max": bound(f32::max),
-        }));
-        self.accessors.len() - 1
-    }
-
-    fn corners(&mut self, triangles: &[&Triangle]) -> Value {
-        let positions: Vec<f32> = triangles.iter().flat_map(|t| t.positions).flat_map(|p| p.to_array()).collect();
-        let normals: Vec<f32> = triangles.iter().flat_map(|t| t.normals).flat_map(|n| n.to_array()).collect();
-        let uvs: Vec<f32> = triangles.iter().flat_map(|t| t.uvs).flat_map(|uv| uv.to_array()).collect();
-        json!({
-            "POSITION": self.accessor(&positions, 3), "NORMAL": self.accessor(&normals, 3),
-            "TEXCOORD_0": self.accessor(&uvs, 2),
-        })
-    }
-
-    fn picture(&mut self, texture: &Texture) -> std::io::Result<Value> {
-        let (width, height) = texture.size();
-        let mut png = Cursor::new(Vec::new());
-        let encoder = PngEncoder::new(&mut png);
-        let (pixels, kind) = (texture.texels().as_flattened(), image::ExtendedColorType::Rgba8);
-        encoder.write_image(pixels, width as u32, height as u32, kind).map_err(std::io::Error::other)?;
-        Ok(json!({"bufferView": self.view(png.get_ref()), "mimeType": "image/png"}))
-    }
+fn corners(parts: &mut Parts, triangles: &[&Triangle]) -> Value {
+    let positions: Vec<f32> = triangles.iter().flat_map(|t| t.positions).flat_map(|p| p.to_array()).collect();
+    let normals: Vec<f32> = triangles.iter().flat_map(|t| t.normals).flat_map(|n| n.to_array()).collect();
+    let uvs: Vec<f32> = triangles.iter().flat_map(|t| t.uvs).flat_map(|uv| uv.to_array()).collect();
+    json!({
+        "POSITION": numbers(parts, &positions, 3), "NORMAL": numbers(parts, &normals, 3),
+        "TEXCOORD_0": numbers(parts, &uvs, 2),
+    })
 }
 
-/// Header and chunks (glTF 2.0, section 4.4).
-fn container(mut json: Vec<u8>, binary: Vec<u8>) -> Vec<u8> {
-    json.resize(json.len().next_multiple_of(4), b' ');
-    let mut file = b"glTF\x02\0\0\0".to_vec();
-    file.extend_from_slice(&((28 + json.len() + binary.len()) as u32).to_le_bytes());
-    for (kind, bytes) in [(b"JSON", json), (b"BIN\0", binary)] {
-        file.extend_from_slice(&(bytes.len() as u32).to_le_bytes());
-        file.extend_from_slice(kind);
-        file.extend_from_slice(&bytes);
-    }
-    file
+fn picture(parts: &mut Parts, texture: &Texture) -> std::io::Result<Value> {
+    let (width, height) = texture.size();
+    let mut png = Cursor::new(Vec::new());
+    let encoder = PngEncoder::new(&mut png);
+    let (pixels, kind) = (texture.texels().as_flattened(), image::ExtendedColorType::Rgba8);
+    encoder.write_image(pixels, width as u32, height as u32, kind).map_err(std::io::Error::other)?;
+    Ok(json!({"bufferView": parts.view(png.get_ref()), "mimeType": "image/png"}))
 }
 
 #[cfg(test)]

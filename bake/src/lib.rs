@@ -19,6 +19,7 @@ pub mod environment;
 pub mod error;
 pub mod fragments;
 pub mod geometry;
+pub mod glb;
 pub mod gloss;
 mod gltf_file;
 pub mod gltf_write;

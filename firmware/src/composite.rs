@@ -96,7 +96,7 @@ impl Compositor<'_> {
         mut target: Target<'_, '_>,
     ) -> Extent {
         let n = tile.padded_pixels();
-        let mut room = [0; TILE_PIXELS];
+        let mut room = None;
         let behind = self.behind(tile, shade, target.at, &mut room);
         let has_rows = add_rows(field, tile, light, self.kernel, linear);
         let job = coefficients.job(tile, light.sun);
@@ -138,7 +138,7 @@ impl Compositor<'_> {
         shade: Option<TileShade<'_>>,
         mut target: Target<'_, '_>,
     ) {
-        let mut room = [0; TILE_PIXELS];
+        let mut room = None;
         let behind = self.behind(tile, shade, target.at, &mut room);
         behind.fill_gaps(tile, &mut target);
         if !kept.is_empty() {
@@ -154,10 +154,11 @@ impl Compositor<'_> {
         tile: &Tile<'_>,
         shade: Option<TileShade<'_>>,
         (x0, y0): (usize, usize),
-        room: &'b mut [u32; TILE_PIXELS],
+        room: &'b mut Option<[u32; TILE_PIXELS]>,
     ) -> Behind<'b> {
         let shows = tile.pixels() < TILE_PIXELS || tile.coverage.is_some();
         let Some(log_factors) = shade.filter(|_| shows) else { return Behind { view: self.view, at: (x0, y0) } };
+        let room = room.insert([0; TILE_PIXELS]);
         let width = TILE_PX.min(self.view.stride.saturating_sub(x0));
         for (row, room) in room.chunks_exact_mut(TILE_PX).enumerate() {
             self.view.copy_row(x0, y0 + row, &mut room[..width]);

@@ -6,7 +6,7 @@
 //! of 16 segments; a factor of one gives every code back.
 
 use crate::surface::xrgb;
-use crate::tone::{Cubics, LOG_BINARY_PLACES};
+use crate::tone::{Cubics, LOG_BINARY_PLACES, code_by, cubic};
 
 /// A factor of one.
 pub const FACTOR_ONE: u16 = 13 << LOG_BINARY_PLACES;
@@ -79,7 +79,7 @@ pub fn log_factor(factor: f32) -> u16 {
 #[inline]
 pub fn shaded(view_xrgb: u32, log_factors: [u16; 3]) -> u32 {
     let [_, r, g, b] = view_xrgb.to_be_bytes();
-    let shade = |code: u8, factor: u16| code_of_log(multiplied(log_of_code(code), factor));
+    let shade = |code: u8, factor: u16| code_by::<true>(&CODES, multiplied(log_of_code(code), factor));
     xrgb([shade(r, log_factors[0]), shade(g, log_factors[1]), shade(b, log_factors[2])])
 }
 
@@ -92,13 +92,7 @@ fn multiplied(log: u16, factor: u16) -> u16 {
 fn log_of_code(code: u8) -> u16 {
     let near_black = NEAR_BLACK.get(usize::from(code)).copied().unwrap_or(0);
     let place = (u16::from(code) << 12 ^ 0x8000) as i16;
-    near_black.wrapping_add(crate::tone::cubic::<false>(&LOGS, code >> 4, place) as u16)
-}
-
-#[inline]
-fn code_of_log(log: u16) -> u8 {
-    let place = (log << 4 ^ 0x8000) as i16;
-    (crate::tone::cubic::<true>(&CODES, (log >> 12) as u8, place) >> crate::tone::CODE_SHIFT) as u8
+    near_black.wrapping_add(cubic::<false>(&LOGS, code >> 4, place) as u16)
 }
 
 #[cfg(test)]
@@ -122,7 +116,7 @@ mod tests {
     fn codes_of_logarithms_are_within_theirs_and_never_fall() {
         let mut last = 0;
         for log in 0..=u16::MAX {
-            let found = code_of_log(log);
+            let found = code_by::<true>(&CODES, log);
             let error = (f64::from(found) - srgb_code(light(log))).abs();
             assert!(error <= 0.53 && found >= last, "{log}: {error}");
             last = found;

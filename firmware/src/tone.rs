@@ -105,7 +105,7 @@ pub(crate) fn cubic<const UP: bool>(cubics: &Cubics, segment: u8, place: i16) ->
 /// Normative: the vector paths do the same steps.
 #[inline]
 pub fn code(linear: f32) -> u8 {
-    (code_q7(log16(linear)) >> CODE_SHIFT) as u8
+    code_by::<false>(&CUBICS, log16(linear))
 }
 
 /// The least light of a logarithm, 0..=65536.
@@ -119,10 +119,16 @@ pub(crate) fn log16(linear: f32) -> u16 {
     ((linear.to_bits() as i32 >> LOG_SHIFT) - LOG_BIAS).clamp(0, 0xffff) as u16
 }
 
+/// The code of a logarithm by the cubic of its octave.
+#[inline]
+pub(crate) fn code_by<const UP: bool>(cubics: &Cubics, log16: u16) -> u8 {
+    (code_q7::<UP>(cubics, log16) >> CODE_SHIFT) as u8
+}
+
 /// Code plus a half, in 1/128.
 #[inline]
-fn code_q7(log16: u16) -> i16 {
-    cubic::<false>(&CUBICS, (log16 >> LOG_BINARY_PLACES) as u8, (log16 << 4 ^ 0x8000) as i16)
+fn code_q7<const UP: bool>(cubics: &Cubics, log16: u16) -> i16 {
+    cubic::<UP>(cubics, (log16 >> LOG_BINARY_PLACES) as u8, (log16 << 4 ^ 0x8000) as i16)
 }
 
 /// sRGB code (0..=255, not rounded) of linear light 0..=1 (IEC 61966-2-1).
@@ -180,7 +186,7 @@ mod tests {
     #[test]
     fn codes_before_rounding_are_within_a_twentieth_of_the_curve() {
         for log in 0..=u16::MAX {
-            let found = f64::from(code_q7(log)) / 128.0 - 0.5;
+            let found = f64::from(code_q7::<false>(&CUBICS, log)) / 128.0 - 0.5;
             for light in ends(log) {
                 let error = (found - srgb_code(light)).abs();
                 assert!(error <= 0.035, "{light}: {error}");
@@ -204,7 +210,7 @@ mod tests {
 
     #[test]
     fn codes_never_fall_as_light_rises() {
-        let codes = || (0..=u16::MAX).map(|log| code_q7(log) >> CODE_SHIFT);
+        let codes = || (0..=u16::MAX).map(|log| code_q7::<false>(&CUBICS, log) >> CODE_SHIFT);
         assert!(codes().zip(codes().skip(1)).all(|(a, b)| a <= b));
         assert_eq!((codes().next(), codes().next_back()), (Some(0), Some(255)));
     }

@@ -58,7 +58,8 @@ impl Response {
     /// A curve from rows `[code/max, r, g, b]`; `name` is what errors call it.
     ///
     /// # Errors
-    /// [`ResponseError`] (lines are counted by rows) unless the codes run from 0 to 1 and every channel rises (it may stay level) within 0..=1.
+    /// [`ResponseError`] (lines are counted by rows) unless the codes run from 0 to 1 and every channel rises (it may stay level)
+    /// within 0..=1.
     pub fn from_rows(rows: Vec<[f64; 4]>, name: &str) -> Result<Self, ResponseError> {
         let curve = |what| Err(ResponseError::Curve { name: name.into(), what });
         let row = |at: usize, what: String| Err(ResponseError::Row { name: name.into(), line: at + 1, what });

@@ -1,5 +1,6 @@
 //! Scenes made in code, as glTF 2.0 files.
 
+use relume_bake::glb::{FLOAT, Parts, UINT, container};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -113,75 +114,32 @@ pub enum Picture<'a> {
     Beside(&'a str),
 }
 
-fn padded(mut bytes: Vec<u8>, fill: u8) -> Vec<u8> {
-    bytes.resize(bytes.len().next_multiple_of(4), fill);
-    bytes
-}
-
-/// The binary part and its views while they grow.
-#[derive(Default)]
-struct Parts {
-    binary: Vec<u8>,
-    views: Vec<Value>,
-    accessors: Vec<Value>,
-}
-
-impl Parts {
-    fn view(&mut self, bytes: &[u8]) -> usize {
-        self.views.push(json!({"buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len()}));
-        self.binary.extend_from_slice(bytes);
-        self.binary = padded(std::mem::take(&mut self.binary), 0);
-        self.views.len() - 1
+fn entry(parts: &mut Parts, mesh: &Mesh, material: usize) -> Value {
+    let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+    let bound = |pick: fn(f32, f32) -> f32| {
+        let start = mesh.positions.first().copied().unwrap_or_default();
+        let bound: [f32; 3] =
+            std::array::from_fn(|axis| mesh.positions.iter().map(|p| p[axis]).fold(start[axis], pick));
+        // JSON has no NaN: a scene with one states a plain bound.
+        json!(bound.map(|v| if v.is_finite() { v } else { 0.0 }))
+    };
+    let bounds = Some((bound(f32::min), bound(f32::max)));
+    let position = parts.accessor(&bytes(mesh.positions.as_flattened()), mesh.positions.len(), FLOAT, "VEC3", bounds);
+    let uv = parts.accessor(&bytes(mesh.uvs.as_flattened()), mesh.uvs.len(), FLOAT, "VEC2", None);
+    let indices: Vec<u8> = mesh.indices.iter().flat_map(|k| k.to_le_bytes()).collect();
+    let indices = parts.accessor(&indices, mesh.indices.len(), UINT, "SCALAR", None);
+    let mut attributes = json!({"POSITION": position, "TEXCOORD_0": uv});
+    if !mesh.normals.is_empty() {
+        let normals = bytes(mesh.normals.as_flattened());
+        attributes["NORMAL"] = json!(parts.accessor(&normals, mesh.normals.len(), FLOAT, "VEC3", None));
     }
-
-    fn accessor(
-        &mut self,
-        bytes: &[u8],
-        count: usize,
-        component: u32,
-        kind: &str,
-        bounds: Option<(Value, Value)>,
-    ) -> usize {
-        let view = self.view(bytes);
-        let mut accessor = json!({"bufferView": view, "componentType": component, "count": count, "type": kind});
-        if let Some((min, max)) = bounds {
-            accessor["min"] = min;
-            accessor["max"] = max;
-        }
-        self.accessors.push(accessor);
-        self.accessors.len() - 1
-    }
-
-    fn mesh(&mut self, mesh: &Mesh, material: usize) -> Value {
-        let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
-        let bound = |pick: fn(f32, f32) -> f32| {
-            let start = mesh.positions.first().copied().unwrap_or_default();
-            let bound: [f32; 3] =
-                std::array::from_fn(|axis| mesh.positions.iter().map(|p| p[axis]).fold(start[axis], pick));
-            // JSON has no NaN: a scene with one states a plain bound.
-            json!(bound.map(|v| if v.is_finite() { v } else { 0.0 }))
-        };
-        let bounds = Some((bound(f32::min), bound(f32::max)));
-        const FLOAT: u32 = 5126;
-        const UINT: u32 = 5125;
-        let position =
-            self.accessor(&bytes(mesh.positions.as_flattened()), mesh.positions.len(), FLOAT, "VEC3", bounds);
-        let uv = self.accessor(&bytes(mesh.uvs.as_flattened()), mesh.uvs.len(), FLOAT, "VEC2", None);
-        let indices: Vec<u8> = mesh.indices.iter().flat_map(|k| k.to_le_bytes()).collect();
-        let indices = self.accessor(&indices, mesh.indices.len(), UINT, "SCALAR", None);
-        let mut attributes = json!({"POSITION": position, "TEXCOORD_0": uv});
-        if !mesh.normals.is_empty() {
-            let normals = bytes(mesh.normals.as_flattened());
-            attributes["NORMAL"] = json!(self.accessor(&normals, mesh.normals.len(), FLOAT, "VEC3", None));
-        }
-        json!({"primitives": [{"attributes": attributes, "indices": indices, "material": material}]})
-    }
+    json!({"primitives": [{"attributes": attributes, "indices": indices, "material": material}]})
 }
 
 /// The JSON and the binary part of a glTF scene.
 fn document(meshes: &[Mesh], picture: Option<Picture<'_>>) -> (Value, Vec<u8>) {
     let mut parts = Parts::default();
-    let written: Vec<Value> = meshes.iter().enumerate().map(|(k, mesh)| parts.mesh(mesh, k)).collect();
+    let written: Vec<Value> = meshes.iter().enumerate().map(|(k, mesh)| entry(&mut parts, mesh, k)).collect();
     let materials: Vec<Value> = meshes
         .iter()
         .map(|mesh| {
@@ -221,27 +179,12 @@ fn document(meshes: &[Mesh], picture: Option<Picture<'_>>) -> (Value, Vec<u8>) {
 /// A `.glb` file of these meshes.
 pub fn glb(meshes: &[Mesh], picture: Option<Picture<'_>>) -> Vec<u8> {
     let (root, binary) = document(meshes, picture);
-    chunks(&root, &binary)
+    container(&root, &binary)
 }
 
 /// A `.glb` that holds no mesh.
 pub fn empty_glb() -> Vec<u8> {
-    chunks(&json!({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": []}]}), &[])
-}
-
-fn chunks(root: &Value, binary: &[u8]) -> Vec<u8> {
-    let json = padded(root.to_string().into_bytes(), b' ');
-    let mut body = Vec::new();
-    let parts: [(&[u8; 4], &[u8]); 2] = [(b"JSON", &json), (b"BIN\0", binary)];
-    for (kind, bytes) in parts.into_iter().filter(|(_, bytes)| !bytes.is_empty()) {
-        body.extend_from_slice(&(bytes.len() as u32).to_le_bytes());
-        body.extend_from_slice(kind);
-        body.extend_from_slice(bytes);
-    }
-    let mut file = b"glTF\x02\0\0\0".to_vec();
-    file.extend_from_slice(&(body.len() as u32 + 12).to_le_bytes());
-    file.extend_from_slice(&body);
-    file
+    container(&json!({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": []}]}), &[])
 }
 
 /// Writes `scene.gltf` and `scene.bin` into `folder`.

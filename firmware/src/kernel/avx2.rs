@@ -240,9 +240,15 @@ fn log16(linear: Pixels) -> __m256i {
 #[target_feature(enable = "avx2")]
 #[inline]
 fn codes(log: __m256i) -> __m256i {
+    codes_by::<false>(const { &CubicBytes::of(&CUBICS) }, log)
+}
+
+/// Codes of 16 logarithms by the cubic of each octave.
+#[target_feature(enable = "avx2")]
+#[inline]
+pub(super) fn codes_by<const UP: bool>(bytes: &CubicBytes, log: __m256i) -> __m256i {
     let place = _mm256_xor_si256(_mm256_slli_epi16::<4>(log), _mm256_set1_epi16(-0x8000));
-    let q7 = cubic::<false>(const { &CubicBytes::of(&CUBICS) }, _mm256_srli_epi16::<12>(log), place);
-    _mm256_srli_epi16::<CODE_SHIFT>(q7)
+    _mm256_srli_epi16::<CODE_SHIFT>(cubic::<UP>(bytes, _mm256_srli_epi16::<12>(log), place))
 }
 
 /// [`crate::tone::cubic`] of 16 lanes.

@@ -14,9 +14,9 @@ pub use x86::shade as avx2;
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use crate::kernel::avx2::{cubic, table, write};
+    use crate::kernel::avx2::{codes_by, cubic, table, write};
     use crate::shade::{CODES, FACTOR_ONE, LOGS, NEAR_BLACK, NEAR_BLACK_CODES};
-    use crate::tone::{CODE_SHIFT, CubicBytes, low_and_high};
+    use crate::tone::{CubicBytes, low_and_high};
     use core::arch::x86_64::*;
 
     /// # Safety
@@ -39,7 +39,8 @@ mod x86 {
                     let factor = _mm256_loadu_si256(log_factors[c].as_ptr().add(x).cast());
                     // Packing leaves the pixels in the order 0..4, 8..12, 4..8, 12..16.
                     let factor = _mm256_permute4x64_epi64::<0b11_01_10_00>(factor);
-                    *shown = code_of_log(multiplied(log_of_code(_mm256_packus_epi32(bytes[0], bytes[1])), factor));
+                    let logs = multiplied(logs_of_codes(_mm256_packus_epi32(bytes[0], bytes[1])), factor);
+                    *shown = codes_by::<true>(const { &CubicBytes::of(&CODES) }, logs);
                 }
                 write(codes, pixels.add(x));
             }
@@ -48,7 +49,7 @@ mod x86 {
 
     #[target_feature(enable = "avx2")]
     #[inline]
-    fn log_of_code(code: __m256i) -> __m256i {
+    fn logs_of_codes(code: __m256i) -> __m256i {
         let top = _mm256_set1_epi16(-0x8000);
         let place = _mm256_xor_si256(_mm256_slli_epi16::<12>(code), top);
         let log = cubic::<false>(const { &CubicBytes::of(&LOGS) }, _mm256_srli_epi16::<4>(code), place);
@@ -71,14 +72,6 @@ mod x86 {
         let one = _mm256_set1_epi16(FACTOR_ONE as i16);
         let darker = _mm256_subs_epu16(log, _mm256_subs_epu16(one, factor));
         _mm256_adds_epu16(darker, _mm256_subs_epu16(factor, one))
-    }
-
-    #[target_feature(enable = "avx2")]
-    #[inline]
-    fn code_of_log(log: __m256i) -> __m256i {
-        let place = _mm256_xor_si256(_mm256_slli_epi16::<4>(log), _mm256_set1_epi16(-0x8000));
-        let q7 = cubic::<true>(const { &CubicBytes::of(&CODES) }, _mm256_srli_epi16::<12>(log), place);
-        _mm256_srli_epi16::<CODE_SHIFT>(q7)
     }
 }
 

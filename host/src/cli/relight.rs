@@ -177,7 +177,7 @@ impl Options {
     fn still(&self, width: usize, height: usize) -> Result<Still, Failure> {
         match &self.view {
             Some(path) => {
-                let curve = self.view_response.as_ref().map(|path| ViewCurve::load(path).or_bad()).transpose()?;
+                let curve = ViewCurve::load_named(self.view_response.as_deref()).or_bad()?;
                 Still::load_sized(path, (width, height), curve.as_ref()).or_bad()
             }
             None => Ok(Still::black(width, height)),

@@ -24,6 +24,7 @@ use crate::sky_source::live::LiveSky;
 use crate::sky_source::logged::LoggedSky;
 use crate::sky_source::simulated::SimulatedSky;
 use crate::view::Still;
+use crate::view::curve::ViewCurve;
 use crate::view::mask::Mask;
 use crate::watchdog::Watchdog;
 use relume_firmware::field::Field;
@@ -140,7 +141,8 @@ fn painter<'f>(config: &Config, file: &'f FieldFile) -> Result<FieldPainter<'f>,
     let (width, height) = (field.width(), field.height());
     let still = match config.view.as_ref().filter(|_| !config.additive) {
         Some(path) => {
-            Still::load_sized(path, (width, height), view::curve(&config.view_response)?.as_ref()).or_bad()?
+            let curve = ViewCurve::load_named(config.view_response.as_deref()).or_bad()?;
+            Still::load_sized(path, (width, height), curve.as_ref()).or_bad()?
         }
         None => Still::black(width, height),
     };

@@ -174,7 +174,7 @@ impl Relighter<'_> {
     }
 
     /// The counters of a frame in which nothing has changed since the one before, if this is one.
-    fn still(&self, behind: &Backdrop<'_>) -> Option<FrameCounters> {
+    pub(super) fn still(&self, behind: &Backdrop<'_>) -> Option<FrameCounters> {
         let (last, version, moment) = self.shown?;
         let same = self.settled && version == behind.version() && moment == self.moment;
         let kept = FrameCounters {

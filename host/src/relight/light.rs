@@ -15,11 +15,14 @@ impl Relighter<'_> {
     /// Brings the linear values of the newest weights (1 = display white) up to date in `light`: only of tiles that may change
     /// by half a code or more since they were written. [`Relighter::take_written`] tells which. Budgets do not count here.
     pub fn keep_light(&mut self, light: &mut [f32]) -> FrameCounters {
+        let behind = Backdrop { view: &View::nothing(), shading: None };
+        if let Some(still) = self.still(&behind) {
+            return still;
+        }
         self.catch_up(None);
         self.find_standing();
         let mut states = std::mem::take(&mut self.states);
-        let nothing = View::nothing();
-        let drew = self.with_drawing(&Backdrop { view: &nothing, shading: None }, |drawing| {
+        let drew = self.with_drawing(&behind, |drawing| {
             let mut linear = LinearTile::new();
             let tiles = states.iter_mut().enumerate();
             tiles
@@ -29,6 +32,7 @@ impl Relighter<'_> {
         self.states = states;
         let counters = self.count(&drew);
         self.remember_standing();
+        self.shown = self.settled.then_some((counters, behind.version(), self.moment));
         self.new_weights = false;
         counters
     }

@@ -39,6 +39,14 @@ impl ViewCurve {
         ViewCurve::new(Response::load(path)?, &path.display().to_string())
     }
 
+    /// The same where a curve is named.
+    ///
+    /// # Errors
+    /// As [`ViewCurve::load`].
+    pub fn load_named(path: Option<&Path>) -> Result<Option<Self>, ResponseError> {
+        path.map(ViewCurve::load).transpose()
+    }
+
     /// Of a response curve; `name` is what errors call it.
     ///
     /// # Errors

@@ -5,7 +5,7 @@
 //! corners, light that grows to one side. And the places where the receivers' own light changes sharply, such as edges of
 //! shadows, are looked for in the neighbourhood: where the view shows them elsewhere, pose or lens are off.
 
-use super::gain::ViewGain;
+use super::gain::{FINEST, MAD, REACH, ViewGain, tukey};
 use crate::linear_system::solve;
 use crate::quantile::median;
 
@@ -60,11 +60,6 @@ const CELLS: (usize, usize) = (16, 12);
 /// Pixels of a cell that have a median worth the name, and cells that a plane and a bowl are fitted to.
 const CELL_PIXELS: usize = 6;
 const FEWEST_CELLS: usize = 16;
-/// Tukey's reach and a normal distribution's median deviation, as in [`super::gain`].
-const REACH: f64 = 4.685;
-const MAD: f64 = 0.6745;
-/// No fit is taken for better than this, natural logarithms.
-const FINEST: f64 = 1e-3;
 const STEPS: usize = 12;
 
 impl Disagreement {
@@ -144,10 +139,6 @@ fn trend(compared: &Compared, gain: [f64; 3]) -> Option<Trend> {
 
 fn value(fitted: &[f64; 4], row: &[f64; 4]) -> f64 {
     (0..4).map(|k| fitted[k] * row[k]).sum()
-}
-
-fn tukey(place: f64) -> f64 {
-    if place.abs() < 1.0 { (1.0 - place * place).powi(2) } else { 0.0 }
 }
 
 /// Natural logarithm by which receivers change from a pixel to its neighbours where they are sharp.

@@ -20,11 +20,11 @@ pub struct ViewGain {
 /// Fewest values that tell anything.
 pub const FEWEST: usize = 64;
 /// Where Tukey's weight ends, in standard deviations.
-const REACH: f64 = 4.685;
+pub(super) const REACH: f64 = 4.685;
 /// A normal distribution's median absolute deviation, in standard deviations.
-const MAD: f64 = 0.6745;
+pub(super) const MAD: f64 = 0.6745;
 /// No view is so true to its model that values nearer than this differ, in natural logarithms.
-const FINEST: f64 = 1e-3;
+pub(super) const FINEST: f64 = 1e-3;
 const STEPS: usize = 20;
 
 /// The middle of natural logarithms most of which belong together, and their standard deviation; their order changes. `None` of
@@ -39,12 +39,9 @@ pub fn middle(logs: &mut [f64]) -> Option<(f64, f64)> {
         let scale = (deviation(logs, centre) / MAD).max(FINEST);
         let (mut sum, mut weights) = (0.0, 0.0);
         for &value in &*logs {
-            let place = (value - centre) / (REACH * scale);
-            if place.abs() < 1.0 {
-                let weight = (1.0 - place * place).powi(2);
-                sum += weight * value;
-                weights += weight;
-            }
+            let weight = tukey((value - centre) / (REACH * scale));
+            sum += weight * value;
+            weights += weight;
         }
         let next = sum / weights;
         if !next.is_finite() {
@@ -58,6 +55,11 @@ pub fn middle(logs: &mut [f64]) -> Option<(f64, f64)> {
     }
     let scatter = deviation(logs, centre) / MAD;
     Some((centre, scatter))
+}
+
+/// Tukey's weight of a value so many reaches from the middle.
+pub(super) fn tukey(place: f64) -> f64 {
+    if place.abs() < 1.0 { (1.0 - place * place).powi(2) } else { 0.0 }
 }
 
 /// Of ascending values.

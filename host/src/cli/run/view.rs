@@ -7,7 +7,6 @@ use crate::failure::{Failure, OrFail};
 use crate::view::curve::ViewCurve;
 use crate::view::fit::Fit;
 use crate::view::live::{BackgroundView, CameraView, ViewSource};
-use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
@@ -22,7 +21,7 @@ pub(super) fn live_view(
     stop: &AtomicBool,
 ) -> Result<Option<Box<dyn ViewSource>>, Failure> {
     let Some(wanted) = &config.view_camera else { return Ok(None) };
-    let curve = curve(&config.view_camera_response)?;
+    let curve = ViewCurve::load_named(config.view_camera_response.as_deref()).or_bad()?;
     let view = CameraView::new(&wanted.name(), camera(config, wanted, size)?, size).with_curve(curve);
     let pace = match (wanted, config.clock) {
         (ViewCamera::Frames(_), ClockConfig::Simulated { .. }) => return Ok(Some(Box::new(view))),
@@ -32,11 +31,6 @@ pub(super) fn live_view(
     let mut view = BackgroundView::start(view, pace).or_runtime()?;
     view.wait(FIRST_PICTURE, stop);
     Ok(Some(Box::new(view)))
-}
-
-/// The curve of a view's camera, where one is named.
-pub(super) fn curve(path: &Option<PathBuf>) -> Result<Option<ViewCurve>, Failure> {
-    path.as_ref().map(|path| ViewCurve::load(path).or_bad()).transpose()
 }
 
 fn camera(config: &Config, wanted: &ViewCamera, size: (usize, usize)) -> Result<Box<dyn Camera>, Failure> {
