@@ -193,14 +193,25 @@ impl<'f> Relighter<'f> {
     }
 
     /// The direction of the sun whose light is shown; behind the newest weights' while a tracer is at work, `None` before the
-    /// first is traced.
+    /// first is traced, and where the last was of another time of day.
     pub fn sun_dir_world(&self) -> Option<[f32; 3]> {
         self.given.sun.and(self.sun.dir_world())
     }
 
-    /// Is there a sun whose light is not shown yet, because it is the first and still being traced?
+    /// Is there a sun whose light is not shown yet, because it is still being traced?
     pub fn awaits_sun(&self) -> bool {
         self.given.sun.is_some() && self.sun.dir_world().is_none()
+    }
+
+    /// Is a tracer at work?
+    pub fn is_tracing(&mut self) -> bool {
+        self.sun.is_tracing()
+    }
+
+    /// Keeps to the sun that is shown, whatever a tracer has ready, until this is lifted: relighters of one picture take their
+    /// suns together.
+    pub fn hold_sun(&mut self, is_held: bool) {
+        self.sun.hold(is_held);
     }
 
     /// Has a tracer finished? Then setting the same weights once more takes its work.
@@ -355,6 +366,7 @@ impl Relighter<'static> {
     /// # Errors
     /// When the system has no thread to give.
     pub fn trace_behind(&mut self) -> std::io::Result<()> {
+        self.redraw();
         self.sun.trace_behind(self.field)
     }
 }

@@ -116,13 +116,23 @@ fn a_still_of_a_sunny_day_is_shown_on_a_grey_one() {
     relume_in(folder, &too_little).refused(2, &["clear.csv", "too little", "receiver"]);
 }
 
-/// A painter of the field with its receivers before a view, under the clear sky.
-fn painter<'f>(file: &'f relume::relight::FieldFile, view: &image::RgbImage) -> (FieldPainter<'f>, PatchWeights) {
+/// A painter of the field with its receivers before a view.
+fn dark_painter<'f>(file: &'f relume::relight::FieldFile, view: &image::RgbImage) -> FieldPainter<'f> {
     let pixels_bgrx = view.pixels().map(|p| u32::from_be_bytes([0, p[0], p[1], p[2]])).collect();
     let still = relume::view::Still { width: SIZE.0 as usize, height: SIZE.1 as usize, pixels_bgrx };
     let mut painter = FieldPainter::new(file.field(), still, 1);
     painter.show_receivers(file.receivers());
-    let weights = PatchWeights::load(&baked().join(clear().csv(baked())), file.field().patch_set()).unwrap();
+    painter
+}
+
+/// The weights of the clear sky.
+fn clear_weights(file: &relume::relight::FieldFile) -> PatchWeights {
+    PatchWeights::load(&baked().join(clear().csv(baked())), file.field().patch_set()).unwrap()
+}
+
+/// The same under the clear sky.
+fn painter<'f>(file: &'f relume::relight::FieldFile, view: &image::RgbImage) -> (FieldPainter<'f>, PatchWeights) {
+    let (mut painter, weights) = (dark_painter(file, view), clear_weights(file));
     painter.relight(&weights, 1.0).unwrap();
     (painter, weights)
 }
@@ -167,6 +177,65 @@ fn where_receivers_change_the_view_is_composited_and_nowhere_else() {
     let code = |word: u32, c: usize| i32::from(word.to_be_bytes()[1 + c]);
     let pairs = || still.pixels_bgrx().iter().zip(fresh.pixels_bgrx());
     assert!(pairs().all(|(&a, &b)| (0..3).all(|c| (code(a, c) - code(b, c)).abs() <= 1)));
+}
+
+/// The clear sky with its sun moved by some degrees, clockwise; without it if by none.
+fn with_sun_at(clear: &PatchWeights, turned_deg: Option<f32>) -> PatchWeights {
+    let sun = clear.sun.zip(turned_deg).map(|(sun, turned_deg)| {
+        let ([x, y, z], (sin, cos)) = (sun.dir_world, turned_deg.to_radians().sin_cos());
+        relume::weights::SunWeight { dir_world: [cos * x - sin * z, y, sin * x + cos * z], ..sun }
+    });
+    PatchWeights { sun, ..clear.clone() }
+}
+
+/// The largest difference of two pictures, codes.
+fn apart(a: &[u32], b: &[u32]) -> u8 {
+    let codes = |words: &[u32]| words.iter().flat_map(|word| word.to_be_bytes()).collect::<Vec<u8>>();
+    codes(a).iter().zip(codes(b)).map(|(a, b)| a.abs_diff(b)).max().unwrap()
+}
+
+#[test]
+fn a_sun_that_is_traced_behind_frames_comes_to_house_and_ground_in_one_frame() {
+    let file: &'static relume::relight::FieldFile = Box::leak(Box::new(field_file()));
+    let view = image::RgbImage::from_pixel(SIZE.0, SIZE.1, image::Rgb([120, 110, 100]));
+    let clear = clear_weights(file);
+    let picture = |weights: &PatchWeights| {
+        let mut painter = dark_painter(file, &view);
+        painter.relight(weights, 1.0).unwrap();
+        painter.draw(&mut Damage::none(96, 64)).unwrap();
+        (painter.pixels_bgrx().to_vec(), painter.view_gain().unwrap().gain[1])
+    };
+    let mut behind = dark_painter(file, &view);
+    behind.trace_behind(0.05).unwrap();
+    let without = picture(&with_sun_at(&clear, None));
+    let mut before = without.clone();
+    // The last is of another time of day: until it is traced, no sun is shown.
+    for turned_deg in (0..24).map(|k| if k % 2 == 0 { 0.0 } else { 6.0 }).chain([120.0]) {
+        let weights = with_sun_at(&clear, Some(turned_deg));
+        let after = picture(&weights);
+        let before_now = if turned_deg == 120.0 { &without } else { &before };
+        assert!(apart(&before_now.0, &after.0) > 20);
+        loop {
+            // New light may come with any frame.
+            behind.relight(&weights, 1.0).unwrap();
+            behind.draw(&mut Damage::none(96, 64)).unwrap();
+            let shown = behind.pixels_bgrx();
+            let off = [before_now, &after].map(|(pixels, _)| apart(pixels, shown));
+            assert!(
+                off.iter().any(|&off| off <= 2),
+                "{turned_deg}: neither the sun before nor this one: {off:?} codes"
+            );
+            let gain = behind.view_gain().map(|seen| seen.gain[1]);
+            assert_eq!(gain.is_none(), behind.sun_dir_world().is_none());
+            let is_of = |(_, known): &(Vec<u32>, f64)| gain.is_none_or(|gain| (gain / known - 1.0).abs() < 0.01);
+            assert!(is_of(before_now) || is_of(&after), "{turned_deg}: {gain:?}");
+            if behind.sun_dir_world() == weights.sun.map(|sun| sun.dir_world) {
+                break;
+            }
+        }
+        assert!(apart(&after.0, behind.pixels_bgrx()) <= 2);
+        before = after;
+    }
 }
 
 #[test]

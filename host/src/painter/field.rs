@@ -126,6 +126,20 @@ impl FieldPainter<'static> {
 }
 
 impl FieldPainter<'_> {
+    fn is_tracing(&mut self) -> bool {
+        self.relighter.is_tracing() | self.receivers.as_mut().is_some_and(ReceiverLight::is_tracing)
+    }
+
+    /// The picture and the receivers with and without it each have a tracer. A picture in the sun over ground that is still
+    /// without it, or exposed by such ground, would flash: what the tracers find is taken when all of them are done.
+    fn take_suns_together(&mut self) {
+        let is_tracing = self.is_tracing();
+        self.relighter.hold_sun(is_tracing);
+        if let Some(receivers) = &mut self.receivers {
+            receivers.hold_sun(is_tracing);
+        }
+    }
+
     /// The same weights with the sun moved into the band of the field's site, when it stands outside.
     fn moved_into_band(&self, weights: &PatchWeights) -> Option<(PatchWeights, String)> {
         let [latitude, longitude] = self.field.header().site?;
@@ -162,6 +176,7 @@ impl Painter for FieldPainter<'_> {
             Some((weights, note)) => (weights, Some(note.clone())),
             None => (weights, None),
         };
+        self.take_suns_together();
         self.relighter.set_weights(weights, exposure)?;
         if let Some(receivers) = &mut self.receivers {
             receivers.set_weights(weights, exposure)?;
@@ -175,7 +190,7 @@ impl Painter for FieldPainter<'_> {
     }
 
     fn has_news(&mut self) -> bool {
-        self.relighter.has_news() | self.receivers.as_mut().is_some_and(ReceiverLight::has_news)
+        !self.is_tracing() && (self.relighter.has_news() | self.receivers.as_mut().is_some_and(ReceiverLight::has_news))
     }
 
     fn wanted_exposure(&mut self) -> Option<f64> {
@@ -184,6 +199,10 @@ impl Painter for FieldPainter<'_> {
     }
 
     fn view_gain(&mut self) -> Option<ViewGain> {
+        // A view in the sun tells nothing beside receivers that are still without it.
+        if self.relighter.awaits_sun() {
+            return None;
+        }
         let receivers = self.receivers.as_mut()?;
         receivers.follow();
         receivers.gain(self.view.pixels())

@@ -130,6 +130,16 @@ impl<'f> ReceiverLight<'f> {
         act(&mut self.without);
     }
 
+    /// Is a tracer at work?
+    pub fn is_tracing(&mut self) -> bool {
+        self.with.is_tracing() | self.without.is_tracing()
+    }
+
+    /// Keeps to the sun that is shown, whatever a tracer has ready, until this is lifted.
+    pub fn hold_sun(&mut self, is_held: bool) {
+        self.both(|relighter| relighter.hold_sun(is_held));
+    }
+
     /// Has a tracer finished? Then setting the same weights once more takes its work.
     pub fn has_news(&mut self) -> bool {
         self.with.has_news() | self.without.has_news()
@@ -257,12 +267,14 @@ fn whole_pixels(receivers: &Relighter<'_>, shares: &[f32]) -> Vec<WholePixel> {
 }
 
 impl ReceiverLight<'static> {
-    /// Traces the sun on threads of their own.
+    /// Traces the sun on threads of their own. That of a still's light stays.
     ///
     /// # Errors
     /// When the system has no thread to give.
     pub fn trace_behind(&mut self) -> std::io::Result<()> {
-        self.with.trace_behind()?;
-        self.without.trace_behind()
+        if self.still.is_none() {
+            self.without.trace_behind()?;
+        }
+        self.with.trace_behind()
     }
 }

@@ -29,7 +29,12 @@ pub(super) struct SunPlane {
     dir_world: Option<[f32; 3]>,
     step_deg: f64,
     tracer: Option<SunTracer>,
+    is_held: bool,
 }
+
+/// A plane whose sun stood further away than this is not shown until the next is traced, degrees: yesterday's evening tells
+/// nothing of a morning.
+const FAR_DEG: f64 = 10.0;
 
 impl SunPlane {
     pub(super) fn new(field: &Field<'_>) -> Self {
@@ -42,6 +47,7 @@ impl SunPlane {
             dir_world: None,
             step_deg: 0.0,
             tracer: None,
+            is_held: false,
         }
     }
 
@@ -52,7 +58,19 @@ impl SunPlane {
     /// Traces on a thread of its own. Until the first plane is there, nothing comes of the sun.
     pub(super) fn trace_behind(&mut self, field: Field<'static>) -> std::io::Result<()> {
         self.tracer = Some(SunTracer::start(field)?);
+        self.dir_world = None;
+        self.values.fill(0);
         Ok(())
+    }
+
+    /// Is a plane being traced behind frames?
+    pub(super) fn is_tracing(&mut self) -> bool {
+        self.tracer.as_mut().is_some_and(SunTracer::is_tracing)
+    }
+
+    /// Takes nothing that is ready, and asks for nothing, for as long as this is so.
+    pub(super) fn hold(&mut self, is_held: bool) {
+        self.is_held = is_held;
     }
 
     pub(super) fn plane(&self) -> &[u16] {
@@ -70,7 +88,7 @@ impl SunPlane {
     }
 
     /// Traces the plane for this direction if it is further from the traced one than the step, or has it traced and takes
-    /// what is ready; returns what changed.
+    /// what is ready, and nothing while no plane of about this direction is; returns what changed.
     pub(super) fn follow(
         &mut self,
         field: &Field<'_>,
@@ -78,15 +96,26 @@ impl SunPlane {
         pool: Option<&rayon::ThreadPool>,
     ) -> Option<&[Change]> {
         let is_far = |old: [f32; 3], step_deg| old != dir_world && angle_deg(old, dir_world) >= step_deg;
-        let moved = self.dir_world.is_none_or(|old| is_far(old, self.step_deg));
+        let moved = |from: Option<[f32; 3]>| from.is_none_or(|old| is_far(old, self.step_deg));
         if let Some(tracer) = &mut self.tracer {
-            let traced = tracer.take(&mut self.fresh);
-            if moved && traced.is_none() {
+            if self.is_held {
+                return None;
+            }
+            let taken = tracer.take(&mut self.fresh);
+            let newest = taken.or(self.dir_world);
+            if moved(newest) {
                 tracer.ask(dir_world);
             }
-            self.dir_world = Some(traced?);
+            let shown = newest.filter(|&old| !is_far(old, FAR_DEG));
+            if taken.is_none() && shown == self.dir_world {
+                return None;
+            }
+            if shown.is_none() {
+                self.fresh.fill(0);
+            }
+            self.dir_world = shown;
         } else {
-            if !moved {
+            if !moved(self.dir_world) {
                 return None;
             }
             super::install(pool, || trace(field, dir_world, &mut self.means, &mut self.fresh));

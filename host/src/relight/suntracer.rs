@@ -44,6 +44,12 @@ impl SunTracer {
         }
     }
 
+    /// Is a plane under way?
+    pub(super) fn is_tracing(&mut self) -> bool {
+        self.is_ready();
+        self.under_way
+    }
+
     /// Is a plane ready?
     pub(super) fn is_ready(&mut self) -> bool {
         if self.under_way
