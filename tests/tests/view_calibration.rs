@@ -224,6 +224,56 @@ fn check_tells_a_tint_an_exposure_and_a_pose_apart() {
 }
 
 #[test]
+fn what_is_painted_in_front_is_not_measured_by() {
+    let folder = baked();
+    let mut view = image::open(tinted("painted", [1.0; 3])).unwrap().into_rgb8();
+    for (width, name) in [(24, "quarter"), (56, "most")] {
+        // A dark trunk from the left edge, and nothing in the model of it.
+        let is_trunk = |x: u32| x < width;
+        view.enumerate_pixels_mut()
+            .filter(|(x, ..)| is_trunk(*x))
+            .for_each(|(.., pixel)| *pixel = image::Rgb([24, 20, 18]));
+        view.save(folder.join("painted_view.png")).unwrap();
+        let mask = image::GrayImage::from_fn(SIZE.0, SIZE.1, |x, _| image::Luma([255 * u8::from(is_trunk(x))]));
+        mask.save(folder.join("mask.png")).unwrap();
+        let text = format!("mask = 'mask.png'\n{}", post(name, &folder.join("painted_view.png"), "", "mode = 'view'"));
+        put(&folder.join("painted.toml"), &text);
+        let told = relume_in(folder, &["check", "painted.toml"]).well().stdout;
+        assert!(told.contains("ok   mask") && !told.contains("see  "), "{told}");
+        let health = relume_in(folder, &["run", "painted.toml", "--json"]).well().stdout;
+        let health: serde_json::Value = serde_json::from_str(&health).unwrap();
+        let gain = health["health"]["view_gain"]["gain"][1].as_f64().unwrap();
+        assert!((gain / 0.5 - 1.0).abs() < 0.02, "{width}: {gain}");
+    }
+}
+
+#[test]
+fn check_refuses_what_a_post_does_not_open_with() {
+    let folder = baked();
+    let live = post("refused", &tinted("refused", [1.0; 3]), "", "mode = 'fixed'\nev = 0.0");
+    let still = live.replace("[view_camera]\nframes = 'refused_frames'\n", "");
+    image::GrayImage::new(40, 30).save(folder.join("small.png")).unwrap();
+    let bare = ["scene", "demo", "--size", "48x32", "--directions", "16", "--sun-paths", "1", "-o", "bare.field"];
+    relume_tests::program::bake_in(folder, &bare).well();
+    let by_view = live.replace("mode = 'fixed'\nev = 0.0", "mode = 'view'").replace("a.field", "bare.field");
+    let cases = [
+        (format!("mask = 'none.png'\n{live}"), ["BAD  mask", "none.png"]),
+        (format!("mask = 'small.png'\n{live}"), ["BAD  mask", "40x30"]),
+        (format!("view = 'refused.png'\nview_light = 'none.csv'\n{still}"), ["BAD  light then", "none.csv"]),
+        (by_view, ["BAD  exposure", "relume = receiver"]),
+    ];
+    for (text, parts) in cases {
+        put(&folder.join("refused.toml"), &text);
+        for command in ["check", "run"] {
+            let told = relume_in(folder, &[command, "refused.toml"]);
+            assert_eq!(told.code, Some(2), "{command}: {told:?}");
+            let parts = if command == "check" { &parts[..] } else { &parts[1..] };
+            assert!(parts.iter().all(|part| (told.stdout.clone() + &told.stderr).contains(part)), "{told:?}");
+        }
+    }
+}
+
+#[test]
 fn check_tells_a_lens_that_darkens_its_corners() {
     let path = baked().join("vignetted.png");
     let mut dark = real().clone();

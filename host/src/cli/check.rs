@@ -108,6 +108,12 @@ fn check(file: &Path) -> Table {
     drop(behind);
     table.add("display", display(&config, size.unwrap_or((1, 1))).map(|words| ((), words)));
     let state = crate::outfile::check_writable(&config.health);
+    if config.additive {
+        table.say(
+            "additive",
+            "the display only adds light: real ground takes no shadow, and nothing gets darker".into(),
+        );
+    }
     table.add("health", state.map(|()| ((), format!("{} can be written", config.health.display()))));
     table.add("clock", clock(&config).map(|words| ((), words)));
     machine::disk(&config, &mut table);

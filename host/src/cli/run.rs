@@ -146,13 +146,7 @@ fn painter<'f>(config: &Config, file: &'f FieldFile) -> Result<FieldPainter<'f>,
         }
         None => Still::black(width, height),
     };
-    if config.exposure == ExposureMode::View && file.receivers().is_none() {
-        let (post, field) = (config.file.display(), config.field.display());
-        return Err(Failure::bad(format!(
-            "{post}: exposure.mode = \"view\" measures by receivers, and {field} has none: mark the ground as relume = receiver and \
-             bake again, or use \"auto\""
-        )));
-    }
+    has_what_measures(config, file)?;
     if config.additive {
         eprintln!("notice: an optical display only adds light: real ground takes no shadow, and nothing gets darker");
     }
@@ -166,6 +160,18 @@ fn painter<'f>(config: &Config, file: &'f FieldFile) -> Result<FieldPainter<'f>,
         relight_still(&mut painter, path, &field)?;
     }
     Ok(painter)
+}
+
+/// Refuses an exposure by receivers that the field does not have.
+pub(super) fn has_what_measures(config: &Config, file: &FieldFile) -> Result<(), Failure> {
+    if config.exposure != ExposureMode::View || file.receivers().is_some() {
+        return Ok(());
+    }
+    let (post, field) = (config.file.display(), config.field.display());
+    Err(Failure::bad(format!(
+        "{post}: exposure.mode = \"view\" measures by receivers, and {field} has none: mark the ground as relume = receiver and \
+         bake again, or use \"auto\""
+    )))
 }
 
 /// The display that the post's file asks for.

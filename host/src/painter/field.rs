@@ -62,8 +62,11 @@ impl<'f> FieldPainter<'f> {
         }
     }
 
-    /// Shows the view in front of the picture where a mask says so.
+    /// Shows the view in front of the picture where a mask says so; receivers are not measured by there.
     pub fn put_behind(&mut self, mask: Option<Mask>) {
+        if let (Some(receivers), Some(mask)) = (&mut self.receivers, &mask) {
+            receivers.leave_out(mask.shares());
+        }
         let length = self.framebuffer.pixels.len();
         self.mask = mask.map(|mask| (mask, vec![0; length]));
     }

@@ -77,6 +77,8 @@ pub struct ReceiverLight<'f> {
     is_rescaled: bool,
     /// Pixels that show nothing but receivers, spread over the picture.
     whole: Vec<WholePixel>,
+    /// `[row][column]`: above 0 where something that is in no model stands in front of the receivers; or nothing.
+    in_front: Vec<u8>,
     /// Room for the logarithms of their gains.
     logs: Vec<f64>,
     /// `[tile]`: has its light changed?
@@ -101,10 +103,9 @@ impl<'f> ReceiverLight<'f> {
                 shares[tile.plane_at / 3 + k] = share_of_view(receiver, covered[place]);
             }
         }
-        let whole = whole_pixels(&with, &shares);
-        let step = whole.len().div_ceil(GAUGES).max(1);
         ReceiverLight {
-            whole: whole.into_iter().step_by(step).collect(),
+            whole: spread(whole_pixels(&with, &shares, &[])),
+            in_front: Vec::new(),
             light: [vec![0.0; length], vec![0.0; length]],
             shading: Shading::new((0..tiles).map(|index| with.tile(index).pixels() > 0)),
             with,
@@ -118,6 +119,12 @@ impl<'f> ReceiverLight<'f> {
             changed: vec![true; tiles],
             tone: ViewLight::new(),
         }
+    }
+
+    /// Measures nothing where `shares` (255ths, of the view's size, row 0 at the top) says that something else stands in front.
+    pub fn leave_out(&mut self, shares: &[u8]) {
+        self.in_front = shares.to_vec();
+        self.whole = spread(whole_pixels(&self.with, &self.shares, &self.in_front));
     }
 
     /// Retraces the sun only when it has moved by more than this, degrees.
@@ -247,8 +254,14 @@ impl<'f> ReceiverLight<'f> {
     }
 }
 
-/// All pixels that show nothing but receivers.
-fn whole_pixels(receivers: &Relighter<'_>, shares: &[f32]) -> Vec<WholePixel> {
+/// At most [`GAUGES`] of these, from all over the picture.
+fn spread(whole: Vec<WholePixel>) -> Vec<WholePixel> {
+    let step = whole.len().div_ceil(GAUGES).max(1);
+    whole.into_iter().step_by(step).collect()
+}
+
+/// All pixels that show nothing but receivers, with nothing in front of these.
+fn whole_pixels(receivers: &Relighter<'_>, shares: &[f32], in_front: &[u8]) -> Vec<WholePixel> {
     let field = receivers.field();
     let (width, columns) = (field.width(), field.response().grid().0);
     let mut whole = Vec::new();
@@ -259,7 +272,9 @@ fn whole_pixels(receivers: &Relighter<'_>, shares: &[f32]) -> Vec<WholePixel> {
             let is_whole = tile.coverage.is_none_or(|coverage| coverage[k] == 255);
             if is_whole && shares[tile.plane_at / 3 + k] == 1.0 {
                 let place = corner + place / TILE_PX * width + place % TILE_PX;
-                whole.push(WholePixel { place, at: tile.plane_at + k, pitch: tile.padded_pixels() });
+                if in_front.get(place).is_none_or(|&share| share == 0) {
+                    whole.push(WholePixel { place, at: tile.plane_at + k, pitch: tile.padded_pixels() });
+                }
             }
         }
     }

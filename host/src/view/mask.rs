@@ -49,6 +49,11 @@ impl Mask {
         Mask { width, shares, tiles, light: ViewLight::new(), relit: Vec::new() }
     }
 
+    /// Shares of the view in 255ths, row 0 at the top.
+    pub fn shares(&self) -> &[u8] {
+        &self.shares
+    }
+
     /// Multiplies the light of what stands in front, as `view` shows it, by `factors` of red, green and blue.
     pub fn relight(&mut self, view: &[u32], factors: Option<[f32; 3]>) {
         self.relit.clear();

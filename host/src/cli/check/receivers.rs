@@ -4,26 +4,30 @@ mod advice;
 
 use super::Table;
 use super::view::Behind;
-use crate::cli::relight::light_of;
-use crate::cli::run::open_source;
+use crate::cli::relight::{light_of, relight_still};
+use crate::cli::run::{has_what_measures, open_source};
 use crate::clock::PostClock;
 use crate::config::{Config, SkyKind};
 use crate::exposure::{ExposureControl, ExposureMode};
+use crate::failure::Failure;
 use crate::painter::Painter;
 use crate::painter::field::FieldPainter;
 use crate::relight::FieldFile;
 use crate::sky_source::SkyReading;
 use crate::view::Still;
+use crate::view::curve::ViewCurve;
 use crate::view::disagreement::Disagreement;
 use crate::view::live::{ViewPicture, ViewSource};
 use crate::weights::PatchWeights;
 use advice::{Found, rows};
+use std::path::Path;
 
 /// What the rows are called by that cannot tell.
 const WHAT: &str = "receivers";
 
 /// Compares the view with the receivers in the light that it was taken in. What is found is advice: a post opens with any.
 pub(super) fn receivers(config: &Config, behind: &mut Behind, table: &mut Table) {
+    measures(config, table);
     if config.additive || (behind.still.is_none() && behind.live.is_none()) {
         return;
     }
@@ -31,6 +35,33 @@ pub(super) fn receivers(config: &Config, behind: &mut Behind, table: &mut Table)
         Ok(found) => rows(config, &found, table),
         Err(why) => table.say(WHAT, format!("cannot tell how the view shows them: {why}")),
     }
+}
+
+/// What a post does not open without: receivers and a still's light, where its file counts on them.
+fn measures(config: &Config, table: &mut Table) {
+    // A field that cannot be read has a line of its own.
+    let Ok(file) = FieldFile::open(&config.field) else { return };
+    if let Err(refused) = has_what_measures(config, &file) {
+        table.add("exposure", Err::<((), String), _>(refused));
+    }
+    if let Some(path) = &config.view_light {
+        let words = |_| ((), format!("{}: the light that the still was taken in", path.display()));
+        table.add("light then", relights(config, path, &file).map(words));
+    }
+}
+
+/// Relights the still behind the picture as a post does when it opens.
+fn relights(config: &Config, path: &Path, file: &FieldFile) -> Result<(), Failure> {
+    let field = file.field();
+    // A still that cannot be read has a line of its own.
+    let curve = ViewCurve::load_named(config.view_response.as_deref()).ok().flatten();
+    let size = (field.width(), field.height());
+    let Some(Ok(still)) = config.view.as_ref().map(|view| Still::load_sized(view, size, curve.as_ref())) else {
+        return light_of(path, &field).map(|_| ());
+    };
+    let mut painter = FieldPainter::new(field, still, 1);
+    painter.show_receivers(file.receivers());
+    relight_still(&mut painter, path, &field)
 }
 
 fn look(config: &Config, behind: &mut Behind) -> Result<Found, String> {
@@ -42,6 +73,7 @@ fn look(config: &Config, behind: &mut Behind) -> Result<Found, String> {
     let (weights, mut exposed_by) = light(config, behind, &file)?;
     let mut painter = FieldPainter::new(file.field(), picture(behind, &file)?, 0);
     painter.show_receivers(file.receivers());
+    painter.put_behind(behind.mask.take());
     painter.relight(&weights, 1.0).map_err(|error| words(&error))?;
     let disagreement: Disagreement = painter.disagreement().map_err(|error| words(&error))?;
     // As the loop chooses it.

@@ -10,11 +10,14 @@ use crate::view::Still;
 use crate::view::curve::{Grain, ViewCurve};
 use crate::view::fit::Fit;
 use crate::view::live::CameraView;
-use std::path::PathBuf;
+use crate::view::mask::Mask;
+use std::path::{Path, PathBuf};
 
 /// What there is of a view.
 pub(super) struct Behind {
     pub(super) still: Option<Still>,
+    /// What stands in front of the picture.
+    pub(super) mask: Option<Mask>,
     /// Goes on streaming while the sky's camera is looked at, as it will later: one USB bus may have no room for both.
     pub(super) live: Option<CameraView>,
 }
@@ -39,7 +42,19 @@ pub(super) fn behind(config: &Config, size: Option<(usize, usize)>, table: &mut 
         let name = config.view_camera.as_ref().map(ViewCamera::name).unwrap_or_default();
         CameraView::new(&name, camera, size.unwrap_or((1, 1))).with_curve(live_curve)
     });
-    Behind { still, live }
+    let mask = config.mask.as_ref().zip(size).and_then(|(path, (width, height))| mask(path, (width, height), table));
+    Behind { still, mask, live }
+}
+
+/// The painted mask, of the field's size.
+fn mask(path: &Path, (width, height): (usize, usize), table: &mut Table) -> Option<Mask> {
+    let words = |mask: Mask| {
+        let in_front =
+            mask.shares().iter().map(|&share| f64::from(share) / 255.0).sum::<f64>() / mask.shares().len() as f64;
+        let words = format!("{}: the view stands in front in {:.1} % of the picture", path.display(), 100.0 * in_front);
+        (mask, words)
+    };
+    table.add("mask", Mask::load_sized(path, width, height).map(words))
 }
 
 /// A view's own curve, where one is named.

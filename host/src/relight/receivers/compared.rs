@@ -40,7 +40,7 @@ impl ReceiverLight<'_> {
 
     fn compared(&self, view: &[u32]) -> Compared {
         let mut expected = vec![None; view.len()];
-        for pixel in whole_pixels(&self.with, &self.shares) {
+        for pixel in whole_pixels(&self.with, &self.shares, &self.in_front) {
             let light: [f32; 3] = std::array::from_fn(|channel| self.light[1][pixel.at + channel * pixel.pitch]);
             if light.iter().all(|&light| light > DIMMEST) {
                 expected[pixel.place] = Some(light.map(|light| light / self.exposure));
