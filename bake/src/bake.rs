@@ -175,7 +175,9 @@ pub fn bake(scene: &Scene, camera: &Camera, options: &BakeOptions) -> Result<Bak
     let mut ledger = options.ledger.as_ref().map(open).transpose()?;
     if let Some(notify) = options.notify {
         let transport = &jobs.main().transport;
-        survey(scene, &transport.tracer.geometry, &transport.view, options.size).iter().for_each(notify);
+        survey(scene, &transport.tracer.geometry, &transport.view, (options.size, options.sphere))
+            .iter()
+            .for_each(notify);
     }
     jobs.run(intake.all.next()..jobs.blocks(), options.progress, |block| {
         ledger.as_mut().map(|ledger| ledger.append(&block)).transpose()?;

@@ -5,6 +5,7 @@
 use crate::bake::{BakeError, BakeOptions};
 use crate::camera::Camera;
 use crate::job::Job;
+use crate::jobs::Scenes;
 use crate::noise::{Noise, covered_tiles, some_of};
 use crate::part::Part;
 use crate::response::TransportOptions;
@@ -48,7 +49,8 @@ pub struct Effort {
 /// # Errors
 /// [`BakeError`], as the bake itself would fail.
 pub fn choose(scene: &Scene, camera: &Camera, options: &BakeOptions, goal: Goal) -> Result<Effort, BakeError> {
-    let mut trial = Trial::new(scene, camera, options)?;
+    let scenes = Scenes::new(scene);
+    let mut trial = Trial::new(&scenes, camera, options)?;
     let mut chosen: Option<Effort> = None;
     for level in LEVELS {
         let effort = trial.at(level, goal);
@@ -66,10 +68,37 @@ pub fn choose(scene: &Scene, camera: &Camera, options: &BakeOptions, goal: Goal)
     Ok(chosen.unwrap_or_else(|| trial.at(LEVELS[0], goal)))
 }
 
-/// Some tiles on which sampling is tried.
+/// The parts of a bake, on some tiles of which sampling is tried.
 struct Trial<'s> {
-    job: Job<'s>,
+    /// The virtual geometry first.
+    parts: Vec<TriedPart<'s>>,
     own: TransportOptions,
+}
+
+impl<'s> Trial<'s> {
+    fn new(scenes: &'s Scenes<'s>, camera: &Camera, options: &BakeOptions) -> Result<Self, BakeError> {
+        let options = BakeOptions { stack: None, ..options.clone() };
+        let parts = scenes.parts().into_iter().map(|part| TriedPart::new(part, camera, &options));
+        Ok(Trial { parts: parts.collect::<Result<_, _>>()?, own: options.transport })
+    }
+
+    fn at(&mut self, [direct_classes, paths, patch_group]: Level, goal: Goal) -> Effort {
+        let transport = TransportOptions { direct_classes, paths, patch_group, ..self.own };
+        let tried: Vec<(Noise, Duration)> = self.parts.iter_mut().map(|part| part.at(transport)).collect();
+        let takes = tried.iter().map(|(_, takes)| takes).sum();
+        let worst = tried.first().and_then(|(noise, _)| noise.worst_sky());
+        let noise = worst.map(|worst| (worst.noise, worst.sky.clone()));
+        let met = match goal {
+            Goal::Noise(most) => noise.as_ref().is_none_or(|(noise, _)| *noise <= most),
+            Goal::Time(most) => takes <= most.mul_f64(MARGIN),
+        };
+        Effort { transport, met, noise, takes }
+    }
+}
+
+/// One part, and some of its tiles.
+struct TriedPart<'s> {
+    job: Job<'s>,
     tiles: Vec<(u32, u32)>,
     /// Covered tiles over those tried.
     times: f64,
@@ -77,11 +106,10 @@ struct Trial<'s> {
     fixed: Duration,
 }
 
-impl<'s> Trial<'s> {
-    fn new(scene: &'s Scene, camera: &Camera, options: &BakeOptions) -> Result<Self, BakeError> {
+impl<'s> TriedPart<'s> {
+    fn new(part: Part<'s>, camera: &Camera, options: &BakeOptions) -> Result<Self, BakeError> {
         let started = Instant::now();
-        let options = BakeOptions { stack: None, ..options.clone() };
-        let job = Job::new(Part::of_virtual(scene), camera, &options)?;
+        let job = Job::new(part, camera, options)?;
         let prepared = started.elapsed();
         let covered = covered_tiles(&job.transport);
         let tiles = some_of(&covered);
@@ -92,21 +120,16 @@ impl<'s> Trial<'s> {
         let done: Result<Vec<_>, BakeError> = tiles.par_iter().copied().zip(responses).map(finish).collect();
         done?;
         let fixed = prepared + started.elapsed().mul_f64(times);
-        Ok(Trial { job, own: options.transport, tiles, times, fixed })
+        Ok(TriedPart { job, tiles, times, fixed })
     }
 
-    fn at(&mut self, [direct_classes, paths, patch_group]: Level, goal: Goal) -> Effort {
-        let transport = TransportOptions { direct_classes, paths, patch_group, ..self.own };
+    /// Noise and the whole part's time with this sampling.
+    fn at(&mut self, transport: TransportOptions) -> (Noise, Duration) {
         self.job.transport.options = transport;
         let started = Instant::now();
         let noise = Noise::of(&mut self.job.transport, &self.tiles, &self.job.test_light);
         let takes = self.fixed + (started.elapsed() / 2).mul_f64(self.times);
-        let noise = noise.worst_sky().map(|worst| (worst.noise, worst.sky.clone()));
-        let met = match goal {
-            Goal::Noise(most) => noise.as_ref().is_none_or(|(noise, _)| *noise <= most),
-            Goal::Time(most) => takes <= most.mul_f64(MARGIN),
-        };
-        Effort { transport, met, noise, takes }
+        (noise, takes)
     }
 }
 
@@ -122,5 +145,30 @@ impl fmt::Display for Effort {
             write!(f, "{:.2} % noise in a pixel under the sky '{sky}', the noisiest; ", 100.0 * noise)?;
         }
         write!(f, "{:.0} s", self.takes.as_secs_f64())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::response::tests::{SIZE, corner, into_the_corner, options};
+    use crate::scene::Role;
+
+    #[test]
+    fn receivers_are_tried_too() {
+        let mut scene = corner(0.5);
+        let options = BakeOptions { size: SIZE, directions: 16, transport: options(3), ..BakeOptions::default() };
+        let parts = |scene: &Scene| {
+            let scenes = Scenes::new(scene);
+            let mut trial = Trial::new(&scenes, &into_the_corner(), &options).unwrap();
+            let takes = trial.at(LEVELS[0], Goal::Noise(1.0)).takes;
+            let tiles: Vec<usize> = trial.parts.iter().map(|part| part.tiles.len()).collect();
+            (tiles, takes >= trial.parts.iter().map(|part| part.fixed).sum())
+        };
+        assert_eq!(parts(&scene), (vec![1], true));
+        scene.roles = vec![Role::Virtual; scene.triangles.len()];
+        scene.roles[..2].fill(Role::Receiver);
+        let (tiles, all_count) = parts(&scene);
+        assert!(tiles.len() == 3 && tiles.iter().all(|&tiles| tiles > 0) && all_count, "{tiles:?}");
     }
 }

@@ -20,6 +20,9 @@ const MUCH: f64 = 0.2;
 const LITTLE: f64 = 0.002;
 /// Distances of the middle of what is seen between which a scene in metres is believed, m.
 const BELIEVED_M: std::ops::RangeInclusive<f32> = 0.5..=2000.0;
+/// Height of a camera over what is below it up to which a scene in metres is believed, m: a mast or a tower, but no eye of a
+/// visitor (1.7 m) in centimetres or inches.
+const BELIEVED_HEIGHT_M: f32 = 40.0;
 /// Cosine of the slope from which a surface is ground or roof rather than wall.
 const LEVEL: f32 = 0.7;
 
@@ -37,11 +40,16 @@ struct Look {
     base_color: Vec3A,
 }
 
-/// Looks at `scene` as the camera sees it.
-pub fn survey(scene: &Scene, geometry: &Geometry<'_>, view: &CameraView, size: (u32, u32)) -> Vec<Notice> {
+/// Looks at `scene` as the camera sees it; `is_small`: a thing on a table, of which it may be near.
+pub fn survey(
+    scene: &Scene,
+    geometry: &Geometry<'_>,
+    view: &CameraView,
+    (size, is_small): ((u32, u32), bool),
+) -> Vec<Notice> {
     let looks = looks(scene, geometry, view, size);
     let mut notices: Vec<Notice> = Vec::new();
-    notices.extend(scale(&looks));
+    notices.extend(scale(&looks, is_small).or_else(|| height(geometry, view)));
     notices.extend(underground(geometry, view));
     let mut of_material: BTreeMap<u32, Vec<&Look>> = BTreeMap::new();
     looks.iter().for_each(|look| of_material.entry(look.material).or_default().push(look));
@@ -98,18 +106,25 @@ fn share(seen: &[&Look], is_so: impl Fn(&Look) -> bool) -> f64 {
     seen.iter().filter(|look| is_so(look)).count() as f64 / seen.len().max(1) as f64
 }
 
-/// glTF counts in metres; a scene in centimetres or inches is seen from absurdly far.
-fn scale(looks: &[Look]) -> Option<Notice> {
+/// What to do with a scene in other units than metres.
+const UNITS: &str = "glTF counts in metres; if the scene was modelled in other units, scale it (Blender: Scene Properties > Units) and \
+                     apply the scale";
+
+/// A scene in other units is seen from absurdly far or near.
+fn scale(looks: &[Look], is_small: bool) -> Option<Notice> {
     let mut distances: Vec<f32> = looks.iter().map(|look| look.hit.distance).collect();
     distances.sort_unstable_by(f32::total_cmp);
     let middle = *distances.get(distances.len() / 2)?;
-    (!BELIEVED_M.contains(&middle)).then(|| {
-        format!(
-            "half of what the camera sees is {} {middle:.3} m away: glTF counts in metres; if the scene was modelled in \
-             other units, scale it (Blender: Scene Properties > Units) and apply the scale",
-            if middle > *BELIEVED_M.end() { "more than" } else { "less than" }
-        )
-    })
+    let (is_far, is_near) = (middle > *BELIEVED_M.end(), middle < *BELIEVED_M.start() && !is_small);
+    let than = if is_far { "more than" } else { "less than" };
+    (is_far || is_near).then(|| format!("half of what the camera sees is {than} {middle:.3} m away: {UNITS}"))
+}
+
+/// The same is seen from as high as a tower.
+fn height(geometry: &Geometry<'_>, view: &CameraView) -> Option<Notice> {
+    let down = (TILT - Vec3A::Y).normalize();
+    let height = geometry.closest(view.position.as_vec3a(), down, 0)?.distance;
+    (height > BELIEVED_HEIGHT_M).then(|| format!("the camera is {height:.0} m above what is below it: {UNITS}"))
 }
 
 /// Nothing below the camera, and something right above it: it stands under the ground.

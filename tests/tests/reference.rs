@@ -105,13 +105,15 @@ fn compare(shown: &Linear, reference: &Linear) -> ([f64; 3], f64) {
 fn pictures_equal_those_of_another_renderer() {
     let Some(shared) = shared() else { return skip("reference pictures", "set RELUME_SHARED to their folder") };
     let folder = baked(&shared);
-    for (sky, most) in [("potsdamer_platz", 0.02), ("kloppenheim_05", 0.05)] {
+    // The bake is the same on every run: overcast its bias is 0.22 % at most and its blocks are off by 0.51 %, under a clear sun
+    // 0.13 and 0.26 %.
+    for (sky, most_bias, most) in [("potsdamer_platz", 0.003, 0.008), ("kloppenheim_05", 0.002, 0.012)] {
         let shown = relit(&folder, &shared.join(format!("skies/{sky}_1k.hdr")), &[]);
         let reference = read_exr(&shared.join(format!("references/pantheon_site.{sky}.mitsuba.exr")));
         let (bias, blocks) = compare(&shown, &reference);
         let percent = bias.map(|b| 100.0 * b);
         eprintln!("{sky}: bias {percent:.3?} %, blocks {:.3} %", 100.0 * blocks);
-        assert!(bias.iter().all(|b| b.abs() <= 0.01), "{sky}: bias {percent:?} %");
+        assert!(bias.iter().all(|b| b.abs() <= most_bias), "{sky}: bias {percent:?} %");
         assert!(blocks <= most, "{sky}: relative RMSE over blocks {blocks}");
     }
 }

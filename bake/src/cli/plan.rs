@@ -29,9 +29,14 @@ pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     let options = arguments.sampled((&scene, &camera, &names), options)?;
     let plan = Plan::new((&scene, &camera), (scene_file, camera_file), &options, folder);
     let plan = plan.map_err(|error| told(error, &names))?;
-    survey(&scene, &Geometry::new(&scene), &camera.view(options.size.0, options.size.1), options.size)
-        .iter()
-        .for_each(tell);
+    survey(
+        &scene,
+        &Geometry::new(&scene),
+        &camera.view(options.size.0, options.size.1),
+        (options.size, options.sphere),
+    )
+    .iter()
+    .for_each(tell);
     write::save(out, plan.to_toml().as_bytes())?;
     print(&if arguments.json {
         format!("{{\"tiles\":{}}}\n", plan.tiles)

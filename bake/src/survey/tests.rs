@@ -40,7 +40,7 @@ fn hut(albedo: f32) -> Scene {
 }
 
 fn seen_by(scene: &Scene, camera: &Camera) -> Vec<Notice> {
-    survey(scene, &Geometry::new(scene), &camera.view(SIZE.0, SIZE.1), SIZE)
+    survey(scene, &Geometry::new(scene), &camera.view(SIZE.0, SIZE.1), (SIZE, false))
 }
 
 fn notices(scene: &Scene, position: [f64; 3]) -> Vec<Notice> {
@@ -64,12 +64,23 @@ fn paint_whiter_than_snow_is_told() {
     only(&notices(&hut(0.95), EYE), "material 'plaster' reflects 95 %");
 }
 
-#[test]
-fn centimetres_are_told() {
+/// The hut in other units, and what is said of it where small things are usual, or not.
+fn in_units(scale: f32, is_small: bool) -> Vec<Notice> {
     let mut scene = hut(0.5);
-    scene.triangles.iter_mut().flat_map(|t| &mut t.positions).for_each(|p| *p *= 1000.0);
-    let all = seen_by(&scene, &camera(EYE.map(|c| 1000.0 * c), [0.0, 2000.0, 0.0], 40.0));
-    only(&all, "glTF counts in metres");
+    scene.triangles.iter_mut().flat_map(|t| &mut t.positions).for_each(|p| *p *= scale);
+    let camera = camera(EYE.map(|c| f64::from(scale) * c), [0.0, 2.0 * f64::from(scale), 0.0], 40.0);
+    survey(&scene, &Geometry::new(&scene), &camera.view(SIZE.0, SIZE.1), (SIZE, is_small))
+}
+
+#[test]
+fn units_other_than_metres_are_told() {
+    // Millimetres, centimetres, inches; feet are as large as a tall building's own metres.
+    for (scale, words) in [(1000.0, "away"), (100.0, "170 m above"), (39.37, "67 m above"), (0.01, "less than 0.0")] {
+        let all = in_units(scale, false);
+        only(&all, "glTF counts in metres");
+        assert!(all[0].contains(words), "{all:?}");
+    }
+    assert_eq!(in_units(0.03, true), Vec::<Notice>::new(), "a coin may be near");
 }
 
 #[test]
