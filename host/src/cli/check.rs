@@ -106,7 +106,7 @@ fn check(file: &Path) -> Table {
     sky(&config, &mut table);
     receivers::receivers(&config, &mut behind, &mut table);
     drop(behind);
-    table.add("display", display(&config, size.unwrap_or((1, 1))).map(|words| ((), words)));
+    display(&config, size.unwrap_or((1, 1)), &mut table);
     let state = crate::outfile::check_writable(&config.health);
     table.add("health", state.map(|()| ((), format!("{} can be written", config.health.display()))));
     table.add("clock", clock(&config).map(|words| ((), words)));
@@ -191,17 +191,21 @@ fn colour(config: &Config, table: &mut Table) {
     table.add("colour", found.map(|words| ((), words)));
 }
 
-fn display(config: &Config, picture: (usize, usize)) -> Result<String, Failure> {
-    match &config.display {
-        DisplayConfig::Headless { folder, every } => {
-            Headless::open(folder, *every, picture)?;
-            Ok(format!("pictures go to {}", folder.display()))
-        }
+fn display(config: &Config, picture: (usize, usize), table: &mut Table) {
+    let failed: Failure = match &config.display {
+        DisplayConfig::Headless { folder, every } => match Headless::open(folder, *every, picture) {
+            Ok(_) => return table.say("display", format!("pictures go to {}", folder.display())),
+            Err(error) => error.into(),
+        },
         #[cfg(feature = "board")]
-        DisplayConfig::Kms(screen) => Ok(crate::display::kms::Kms::open(screen, picture)?.words()),
+        DisplayConfig::Kms(screen) => match crate::display::kms::Kms::open(screen, picture) {
+            Ok(display) => return machine::screen(display.outlook(), table),
+            Err(error) => error.into(),
+        },
         #[cfg(not(feature = "board"))]
-        DisplayConfig::Kms(_) => Err(super::run::no_drivers(config, "display.kind = \"kms\"")),
-    }
+        DisplayConfig::Kms(_) => super::run::no_drivers(config, "display.kind = \"kms\""),
+    };
+    table.add("display", Err::<((), String), _>(failed));
 }
 
 fn clock(config: &Config) -> Result<String, String> {

@@ -6,6 +6,8 @@ use crate::camera::{Camera, Frame, v4l2::V4l2Camera};
 use crate::config::Config;
 #[cfg(feature = "board")]
 use crate::config::ViewCamera;
+#[cfg(feature = "board")]
+use crate::display::kms::Outlook;
 use rustix::fs::statvfs;
 use std::fs;
 use std::path::Path;
@@ -45,6 +47,23 @@ pub(super) fn heat(table: &mut Table) {
     let found =
         if hottest >= HOT_C { Err(format!("{words}: too hot; give the board air or shade")) } else { Ok(((), words)) };
     table.add("heat", found);
+}
+
+/// What the screen would show. Without a monitor the post opens and waits for one.
+#[cfg(feature = "board")]
+pub(super) fn screen(outlook: Outlook, table: &mut Table) {
+    match outlook {
+        Outlook::Shown(words) => table.say("display", words),
+        Outlook::Unplugged(words) => {
+            table.advise(
+                "display",
+                format!("{words}: nobody will see the picture; plug the display in and switch it on"),
+            );
+        }
+        Outlook::Unfit(words) => {
+            table.add("display", Err::<((), String), _>(words));
+        }
+    }
 }
 
 /// Opens the camera, measures its delay and its pace.

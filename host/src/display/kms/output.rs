@@ -116,11 +116,23 @@ pub(super) fn choose_output(card: &Card, config: &KmsConfig, picture: (usize, us
     let orientation = orientation(card, info.handle());
     let need = config.rotation.and(orientation).turned(picture);
     let facts: Vec<ModeFacts> = info.modes().iter().map(ModeFacts::of).collect();
-    let mode = choose_mode(&facts, config.mode, need);
-    let mode = mode.ok_or_else(|| Trouble::Unfit(no_mode(&name, config.mode, need, &facts)))?;
+    let mode = fitting_mode(&name, &facts, config.mode, need)?;
     let crtc = free_crtc(card, &resources, &infos, info)
         .ok_or_else(|| Trouble::Unfit(format!("{path} has nothing to drive {name} with")))?;
     Ok(Output { connector: info.handle(), name, crtc, mode: info.modes()[mode], orientation, note })
+}
+
+/// The number of the mode to use on the socket `name`; see [`choose_mode`].
+///
+/// # Errors
+/// [`Trouble::Unfit`] with the modes that there are.
+pub(super) fn fitting_mode(
+    name: &str,
+    modes: &[ModeFacts],
+    wish: Option<ModeWish>,
+    need: (usize, usize),
+) -> Result<usize, Trouble> {
+    choose_mode(modes, wish, need).ok_or_else(|| Trouble::Unfit(no_mode(name, wish, need, modes)))
 }
 
 fn no_mode(name: &str, wish: Option<ModeWish>, need: (usize, usize), modes: &[ModeFacts]) -> String {
