@@ -1,16 +1,17 @@
 //! `relume check`: what is wrong with a post, in plain words, before it opens.
 
+mod lens;
 mod machine;
 mod receivers;
 mod view;
 
 use super::args::{Command, post_arguments};
 use crate::camera::replay::ReplayCamera;
+use crate::camera::{Camera, CameraLimits};
 use crate::colour::CameraColour;
 use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind};
 use crate::display::headless::Headless;
 use crate::failure::Failure;
-use crate::lens::Lens;
 use crate::relight::FieldFile;
 use embedded_graphics::geometry::Size;
 use relume_firmware::overlay::{Overlay, Words, first_unreadable};
@@ -142,9 +143,7 @@ fn words(config: &Config, size: Option<(usize, usize)>) -> String {
 }
 
 fn sky(config: &Config, table: &mut Table) {
-    if let Some(path) = &config.camera.lens {
-        table.add("lens", Lens::load(path).map(|lens| ((), lens_words(&lens, path))));
-    }
+    let lens = config.camera.lens.as_ref().and_then(|path| lens::lens(path, table));
     if let Some(path) = &config.camera.response {
         let curve = crate::response::Response::load(path);
         table.add("response", curve.map(|_| ((), format!("{} is a response curve", path.display()))));
@@ -153,7 +152,11 @@ fn sky(config: &Config, table: &mut Table) {
     let words = match (config.sky, &config.camera.frames) {
         (SkyKind::Replay, Some(frames)) => {
             let camera = ReplayCamera::open(frames, false);
-            table.add("camera", camera.map(|_| ((), format!("frames from {}", frames.display()))));
+            let words = format!("frames from {}", frames.display());
+            if let Some(camera) = table.add("camera", camera.map(|camera| (camera, words))) {
+                let CameraLimits { width, height, .. } = camera.limits();
+                lens::fits(lens.as_ref(), (width, height), "name the lens of these frames in camera.lens", table);
+            }
             return;
         }
         (SkyKind::Logged, _) => {
@@ -163,7 +166,7 @@ fn sky(config: &Config, table: &mut Table) {
             return;
         }
         #[cfg(feature = "board")]
-        (SkyKind::Camera, _) => return machine::camera(config, table),
+        (SkyKind::Camera, _) => return machine::camera(config, lens.as_ref(), table),
         #[cfg(not(feature = "board"))]
         (SkyKind::Camera, _) => {
             table.add("camera", Err::<((), String), _>(super::run::no_drivers(config, "sky = \"camera\"")));
@@ -173,12 +176,6 @@ fn sky(config: &Config, table: &mut Table) {
         _ => "a simulated camera",
     };
     table.add("sky", Ok::<_, String>(((), words.to_string())));
-}
-
-fn lens_words(lens: &Lens, path: &Path) -> String {
-    let mask = lens.mask().map(|mask| format!("{:.0} % of the picture is sky by its mask", 100.0 * mask.share()));
-    let vignetting = if lens.has_vignetting() { "its vignetting is known" } else { "no vignetting is given" };
-    format!("{} is a lens; {vignetting}; {}", path.display(), mask.unwrap_or_else(|| "no mask".into()))
 }
 
 fn colour(config: &Config, table: &mut Table) {
