@@ -1,5 +1,6 @@
 //! `relume check`: what is wrong with a post, in plain words, before it opens.
 
+mod clock;
 mod lens;
 mod machine;
 mod receivers;
@@ -9,7 +10,7 @@ use super::args::{Command, post_arguments};
 use crate::camera::replay::ReplayCamera;
 use crate::camera::{Camera, CameraLimits};
 use crate::colour::CameraColour;
-use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind};
+use crate::config::{Config, DisplayConfig, SkyKind};
 use crate::display::headless::Headless;
 use crate::failure::Failure;
 use crate::relight::FieldFile;
@@ -18,7 +19,6 @@ use relume_firmware::overlay::{Overlay, Words, first_unreadable};
 use serde::Serialize;
 use std::fmt::Display;
 use std::path::Path;
-use std::time::SystemTime;
 
 pub(super) const COMMAND: Command = Command {
     name: "check",
@@ -110,7 +110,7 @@ fn check(file: &Path) -> Table {
     display(&config, size.unwrap_or((1, 1)), &mut table);
     let state = crate::outfile::check_writable(&config.health);
     table.add("health", state.map(|()| ((), format!("{} can be written", config.health.display()))));
-    table.add("clock", clock(&config).map(|words| ((), words)));
+    table.add("clock", clock::clock(&config).map(|words| ((), words)));
     machine::disk(&config, &mut table);
     machine::heat(&mut table);
     table
@@ -203,25 +203,4 @@ fn display(config: &Config, picture: (usize, usize), table: &mut Table) {
         DisplayConfig::Kms(_) => super::run::no_drivers(config, "display.kind = \"kms\""),
     };
     table.add("display", Err::<((), String), _>(failed));
-}
-
-fn clock(config: &Config) -> Result<String, String> {
-    let made = std::fs::metadata(&config.field).and_then(|meta| meta.modified()).ok();
-    let clock = crate::clock::PostClock::start(config.clock, made);
-    let now = clock.now(0);
-    let shown = crate::sun::format_utc(now.unix_s);
-    match (config.clock, now.trusted) {
-        (ClockConfig::Simulated { .. }, _) => Ok(format!("a simulated clock starts at {shown}")),
-        (_, true) => Ok(format!("the system's clock shows {shown}")),
-        (_, false) if !clock.may_be_set() => Err(format!(
-            "the system's clock shows {shown}, but no time server has set it since the start and there is no hardware clock: \
-             connect one"
-        )),
-        (_, false) => Err(format!(
-            "the system's clock shows {shown}, before the field was made ({}); set it, or connect a time server",
-            made.unwrap_or(SystemTime::UNIX_EPOCH)
-                .duration_since(SystemTime::UNIX_EPOCH)
-                .map_or_else(|_| "?".into(), |t| crate::sun::format_utc(t.as_secs_f64()))
-        )),
-    }
 }
