@@ -89,6 +89,7 @@ impl fmt::Display for Devices {
         Ok(())
     }
 }
+            camera.controls.iter().try_for_each(|control| writeln!(f, "  {control}"))?;
 
 #[cfg(feature = "board")]
 fn advice(path: &std::path::Path, error: &std::io::Error) -> String {

@@ -3,6 +3,7 @@
 //! Nothing here waits longer than the frame's timeout and two exposures. Errors sort into what a later call may cure
 //! ([`CameraError::Timeout`], [`CameraError::Device`]) and what only opening again does ([`CameraError::Lost`]).
 
+pub(crate) mod asked;
 mod controls;
 mod delay;
 mod formats;
@@ -15,7 +16,6 @@ use super::{Camera, CameraError, CameraLimits, Exposure, Frame};
 pub use controls::GainModel;
 use controls::{ControlFault, DeviceControls, Manual, Wishes};
 pub use delay::{Delay, UNKNOWN_EXPOSURE};
-use delay::{Stepped, Timeline, mean_share};
 use formats::Agreed;
 use node::Node;
 use std::path::Path;
@@ -176,6 +176,17 @@ impl V4l2Camera {
     pub fn interval_s(&self) -> Option<f64> {
         self.agreed.interval_s
     }
+    /// Least and most frames a second that it offers with its format and size, where it tells.
+    pub fn rates_hz(&self) -> Option<[f64; 2]> {
+        let Layout { width, height, .. } = self.agreed.layout;
+        formats::rates_hz(&self.node, self.agreed.fourcc, [width as u32, height as u32])
+    }
+
+    /// What exposure and gain can be set to and what the white balance reads, for a person.
+    pub fn controls_told(&self) -> Vec<String> {
+        self.manual.told()
+    }
+
 
     /// The delay from setting to effect in use.
     pub fn delay(&self) -> Delay {

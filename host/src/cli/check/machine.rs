@@ -85,10 +85,14 @@ pub(super) fn camera(config: &Config, lens: Option<&Lens>, table: &mut Table) {
     let shows = format!("a new exposure shows after {} frames", delay.settled_frames);
     let words = if delay.measured { shows } else { format!("{shows}, a guess: too dark or too bright to measure") };
     table.add("delay", Ok::<_, String>(((), words)));
-    table.add("frames", pace(&mut camera).map(|words| ((), words)));
+    let offered =
+        camera.rates_hz().map(|rates| format!("; the camera offers {}", crate::camera::v4l2::asked::words(rates)));
+    let offered = offered.unwrap_or_default();
+    table.add("frames", pace(&mut camera).map(|words| ((), format!("{words}{offered}"))));
     table.add("series", series(&mut camera).map(|words| ((), words)));
+    table.say("controls", camera.controls_told().join("; "));
     for note in camera.notes() {
-        table.add("controls", Ok::<_, String>(((), note.clone())));
+        table.advise("controls", note.clone());
     }
 }
 
