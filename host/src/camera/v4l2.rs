@@ -105,7 +105,7 @@ impl V4l2Camera {
         node.check_captures()?;
         let agreed = formats::agree(&node, settings)?;
         let unpacker = Unpacker::new(agreed.layout).map_err(|error| node.refused(error.to_string()))?;
-        let controls_node = settings.controls.as_deref().map_or_else(|| Ok(node.clone()), Node::open)?;
+        let controls_node = settings.controls.as_deref().map_or_else(|| Ok(node.clone()), Node::open_controls)?;
         let mut controls = DeviceControls(Arc::clone(&controls_node.file));
         let manual = if settings.manual {
             let wishes = wishes(settings, &agreed, &controls_node);

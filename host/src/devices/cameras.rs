@@ -1,6 +1,7 @@
 //! V4L2 capture nodes.
 
-use super::{CaptureNode, advice};
+use super::{CaptureNode, SubDevice, advice};
+use crate::camera::v4l2::asked::Asked;
 use crate::camera::v4l2::node::{self, CLASS};
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -10,6 +11,18 @@ use v4l::video::Capture;
 
 pub(super) fn list() -> Vec<CaptureNode> {
     node::picture_nodes(Path::new(CLASS)).iter().filter_map(|node| describe(node)).collect()
+}
+
+/// Sub-devices, whether they have controls or not.
+pub(super) fn sub_devices() -> Vec<SubDevice> {
+    let describe = |node: &PathBuf| {
+        let path = Path::new("/dev").join(node.file_name()?);
+        let asked = Asked::open(&path);
+        let problem = asked.as_ref().err().map(ToString::to_string);
+        let controls = asked.map(|asked| asked.controls()).unwrap_or_default();
+        Some(SubDevice { path: path.display().to_string(), name: node::name(node), controls, problem })
+    };
+    node::sub_devices(Path::new(CLASS)).iter().filter_map(describe).collect()
 }
 
 /// `None` for nodes that capture nothing (outputs, decoders).
