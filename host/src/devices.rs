@@ -89,13 +89,14 @@ impl fmt::Display for Devices {
         for camera in &self.cameras {
             writeln!(f, "camera {}: {} ({})", camera.path, camera.name, camera.driver)?;
             camera.formats.iter().try_for_each(|format| writeln!(f, "  {format}"))?;
+            camera.controls.iter().try_for_each(|control| writeln!(f, "  {control}"))?;
             camera.problem.iter().try_for_each(|problem| writeln!(f, "  {problem}"))?;
         }
-        if self.cards.is_empty() {
         for part in &self.sub_devices {
             writeln!(f, "sub-device {}: {}; camera.controls may name it", part.path, part.name)?;
             part.controls.iter().chain(&part.problem).try_for_each(|line| writeln!(f, "  {line}"))?;
         }
+        if self.cards.is_empty() {
             writeln!(f, "no displays: no DRM card in /dev/dri")?;
         }
         for card in &self.cards {
@@ -110,7 +111,6 @@ impl fmt::Display for Devices {
         Ok(())
     }
 }
-            camera.controls.iter().try_for_each(|control| writeln!(f, "  {control}"))?;
 
 #[cfg(feature = "board")]
 fn advice(path: &std::path::Path, error: &std::io::Error) -> String {
