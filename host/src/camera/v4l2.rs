@@ -309,7 +309,9 @@ impl Camera for V4l2Camera {
 
 fn wishes(settings: &V4l2Settings, agreed: &Agreed, controls: &Node) -> Wishes {
     let sensor = || {
-        let listed = Path::new(node::CLASS).join(Path::new(&controls.path).file_name()?);
+        // A link, such as one of /dev/v4l/by-path, has another name than the node has in /sys.
+        let path = std::fs::canonicalize(&controls.path).ok()?;
+        let listed = Path::new(node::CLASS).join(path.file_name()?);
         GainModel::of_sensor(&node::name(&listed))
     };
     Wishes {
