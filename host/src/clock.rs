@@ -1,8 +1,10 @@
 //! The clock a post lives by: the system's, or one of its own for replays and benches.
 
+mod hardware;
 mod synchronised;
 
 use crate::config::ClockConfig;
+pub use hardware::HardwareClock;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use synchronised::Synchronised;
@@ -34,15 +36,15 @@ pub struct PostClock {
 
 impl PostClock {
     /// Starts the clock. A system clock that shows a time before `not_before` (when the field was made) is not trusted, nor
-    /// one that waits for a time server and has nothing else to keep the time by.
+    /// one that waits for a time server and has no hardware clock that can be right.
     pub fn start(config: ClockConfig, not_before: Option<SystemTime>) -> Self {
-        let made = not_before.map_or(0.0, unix_s);
+        let not_before_unix_s = not_before.map_or(0.0, unix_s).max(EARLIEST_UNIX_S);
         PostClock {
             config,
             started: Instant::now(),
             due: Duration::ZERO,
-            not_before_unix_s: made.max(EARLIEST_UNIX_S),
-            synchronised: Synchronised::of_system(),
+            not_before_unix_s,
+            synchronised: Synchronised::of_system(unix_s(SystemTime::now()), not_before_unix_s),
         }
     }
 
@@ -58,13 +60,23 @@ impl PostClock {
 
     fn judge(&self, unix_s: f64) -> Moment {
         // An hour of grace: files copied from a machine whose clock runs a little ahead.
-        let is_late_enough = unix_s > self.not_before_unix_s - 3600.0;
+        let is_late_enough = unix_s > self.not_before_unix_s - hardware::GRACE_S;
         Moment { unix_s, trusted: is_late_enough && self.synchronised.is_likely() }
     }
 
     /// False where the system's clock waits for a time server and has nothing else to keep the time by.
     pub fn may_be_set(&self) -> bool {
         self.synchronised.is_likely()
+    }
+
+    /// The machine's hardware clock as it was at the start, if it has one.
+    pub fn hardware(&self) -> Option<HardwareClock> {
+        self.synchronised.hardware()
+    }
+
+    /// Whether the system's time service has heard from a time server.
+    pub fn has_heard(&self) -> bool {
+        self.synchronised.has_heard()
     }
 
     /// Waits until the next frame is due; returns early when `stop` is set. Frames that were missed are left out.
@@ -113,6 +125,7 @@ fn unix_s(time: SystemTime) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
 
     #[test]
     fn a_simulated_clock_steps_and_does_not_wait() {
@@ -125,7 +138,8 @@ mod tests {
     #[test]
     fn a_clock_before_the_field_was_made_is_not_trusted() {
         let made = UNIX_EPOCH + Duration::from_secs(1_800_000_000);
-        let clock = PostClock::start(ClockConfig::System { interval_s: 1.0 }, Some(made));
+        let mut clock = PostClock::start(ClockConfig::System { interval_s: 1.0 }, Some(made));
+        clock.synchronised = Synchronised::with(None, Path::new("no/time/service"));
         assert!(!clock.judge(1_790_000_000.0).trusted);
         assert!(clock.judge(1_800_000_001.0).trusted);
         let clock = PostClock::start(ClockConfig::System { interval_s: 1.0 }, None);

@@ -44,6 +44,7 @@ pub const KEYS: &[&str] = &[
     "camera.radiance_scale",
     "camera.light_log",
     "camera.device",
+    "camera.controls",
     "camera.size",
     "camera.pixel_format",
     "camera.white_balance_k",

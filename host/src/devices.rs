@@ -19,6 +19,21 @@ pub struct CaptureNode {
     pub driver: String,
     /// Formats (fourcc), each with its frame sizes.
     pub formats: Vec<String>,
+    /// What its controls take and have now.
+    pub controls: Vec<String>,
+    /// What kept us from asking the device; the node is there all the same.
+    pub problem: Option<String>,
+}
+
+/// A V4L2 sub-device: part of a camera with raw pictures, such as its sensor, which then has the controls.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct SubDevice {
+    /// Device node.
+    pub path: String,
+    /// What the device calls itself.
+    pub name: String,
+    /// What its controls take and have now.
+    pub controls: Vec<String>,
     /// What kept us from asking the device; the node is there all the same.
     pub problem: Option<String>,
 }
@@ -54,6 +69,8 @@ pub struct Connector {
 pub struct Devices {
     /// Cameras.
     pub cameras: Vec<CaptureNode>,
+    /// Their sub-devices.
+    pub sub_devices: Vec<SubDevice>,
     /// Cards with displays.
     pub cards: Vec<Card>,
 }
@@ -61,7 +78,7 @@ pub struct Devices {
 /// Looks for cameras and displays; machines without any give an empty list.
 #[cfg(feature = "board")]
 pub fn list() -> Devices {
-    Devices { cameras: cameras::list(), cards: cards::list() }
+    Devices { cameras: cameras::list(), sub_devices: cameras::sub_devices(), cards: cards::list() }
 }
 
 impl fmt::Display for Devices {
@@ -72,7 +89,12 @@ impl fmt::Display for Devices {
         for camera in &self.cameras {
             writeln!(f, "camera {}: {} ({})", camera.path, camera.name, camera.driver)?;
             camera.formats.iter().try_for_each(|format| writeln!(f, "  {format}"))?;
+            camera.controls.iter().try_for_each(|control| writeln!(f, "  {control}"))?;
             camera.problem.iter().try_for_each(|problem| writeln!(f, "  {problem}"))?;
+        }
+        for part in &self.sub_devices {
+            writeln!(f, "sub-device {}: {}; camera.controls may name it", part.path, part.name)?;
+            part.controls.iter().chain(&part.problem).try_for_each(|line| writeln!(f, "  {line}"))?;
         }
         if self.cards.is_empty() {
             writeln!(f, "no displays: no DRM card in /dev/dri")?;
@@ -109,6 +131,29 @@ mod tests {
     fn a_machine_without_devices_says_so() {
         let text = Devices::default().to_string();
         assert!(text.contains("no cameras") && text.contains("no displays"), "{text}");
+    }
+
+    #[test]
+    fn cameras_and_sub_devices_are_told_with_their_controls() {
+        let text = |line: &str| line.to_string();
+        let camera = CaptureNode {
+            path: text("/dev/video0"),
+            name: text("Sky Camera"),
+            driver: text("uvcvideo"),
+            formats: vec![text("YUYV 640x480@5..30")],
+            controls: vec![text("exposure 0.0001 to 0.5 s")],
+            problem: None,
+        };
+        let sensor = SubDevice {
+            path: text("/dev/v4l-subdev0"),
+            name: text("imx219 10-0010"),
+            controls: vec![text("exposure 4 to 1759 lines")],
+            problem: None,
+        };
+        let devices = Devices { cameras: vec![camera], sub_devices: vec![sensor], cards: Vec::new() };
+        let told = "camera /dev/video0: Sky Camera (uvcvideo)\n  YUYV 640x480@5..30\n  exposure 0.0001 to 0.5 s\n\
+                    sub-device /dev/v4l-subdev0: imx219 10-0010; camera.controls may name it\n  exposure 4 to 1759 lines\n";
+        assert!(devices.to_string().starts_with(told), "{devices}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! Nothing here waits longer than the frame's timeout and two exposures. Errors sort into what a later call may cure
 //! ([`CameraError::Timeout`], [`CameraError::Device`]) and what only opening again does ([`CameraError::Lost`]).
 
+pub(crate) mod asked;
 mod controls;
 mod delay;
 mod formats;
@@ -14,8 +15,8 @@ use super::unpack::{Layout, UnpackError, Unpacker};
 use super::{Camera, CameraError, CameraLimits, Exposure, Frame};
 pub use controls::GainModel;
 use controls::{ControlFault, DeviceControls, Manual, Wishes};
+use delay::{Awaited, Stepped, Timeline, mean_share};
 pub use delay::{Delay, UNKNOWN_EXPOSURE};
-use delay::{Stepped, Timeline, mean_share};
 use formats::Agreed;
 use node::Node;
 use std::path::Path;
@@ -88,6 +89,7 @@ pub struct V4l2Camera {
     agreed: Agreed,
     unpacker: Unpacker,
     timeline: Timeline,
+    awaited: Awaited,
     frame_timeout: Duration,
     timeouts: u32,
     damaged: u32,
@@ -105,7 +107,7 @@ impl V4l2Camera {
         node.check_captures()?;
         let agreed = formats::agree(&node, settings)?;
         let unpacker = Unpacker::new(agreed.layout).map_err(|error| node.refused(error.to_string()))?;
-        let controls_node = settings.controls.as_deref().map_or_else(|| Ok(node.clone()), Node::open)?;
+        let controls_node = settings.controls.as_deref().map_or_else(|| Ok(node.clone()), Node::open_controls)?;
         let mut controls = DeviceControls(Arc::clone(&controls_node.file));
         let manual = if settings.manual {
             let wishes = wishes(settings, &agreed, &controls_node);
@@ -125,21 +127,18 @@ impl V4l2Camera {
             agreed,
             unpacker,
             timeline: Timeline::new(settings.delay.unwrap_or_default(), standing),
+            awaited: Awaited::default(),
             frame_timeout: settings.frame_timeout,
             timeouts: 0,
             damaged: 0,
         })
     }
 
-    /// A function that opens the camera again and again, and measures its delay the first time.
-    pub fn opener(mut settings: V4l2Settings) -> impl FnMut() -> Result<Self, CameraError> + Send {
-        move || {
-            let mut camera = Self::open(&settings)?;
-            if settings.delay.is_none() {
-                settings.delay = Some(camera.measure_delay()?);
-            }
-            Ok(camera)
-        }
+    /// A function that opens the camera again and again, and measures its delay as long as the light has not allowed it.
+    pub fn opener(settings: V4l2Settings) -> impl FnMut() -> Result<Self, CameraError> + Send {
+        let known = settings.delay;
+        let open = move |delay| Self::open(&V4l2Settings { delay, ..settings.clone() });
+        delay::measuring(known, open, Self::measure_delay)
     }
 
     /// Measures the delay from setting to effect and uses it from now on; takes one to three seconds and leaves another
@@ -175,6 +174,17 @@ impl V4l2Camera {
     /// Time from frame to frame that the driver tells, seconds.
     pub fn interval_s(&self) -> Option<f64> {
         self.agreed.interval_s
+    }
+
+    /// Least and most frames a second that it offers with its format and size, where it tells.
+    pub fn rates_hz(&self) -> Option<[f64; 2]> {
+        let Layout { width, height, .. } = self.agreed.layout;
+        formats::rates_hz(&self.node, self.agreed.fourcc, [width as u32, height as u32])
+    }
+
+    /// What exposure and gain can be set to and what the white balance reads, for a person.
+    pub fn controls_told(&self) -> Vec<String> {
+        self.manual.told()
     }
 
     /// The delay from setting to effect in use.
@@ -249,7 +259,9 @@ impl V4l2Camera {
     fn sign(&mut self, taken: &Taken, into: &mut Frame) {
         into.sequence = taken.sequence;
         into.captured_at_s = taken.monotonic_s + stream::unix_offset_s();
-        into.exposure = self.timeline.exposure_of(taken.sequence, mean_share(into));
+        let mean = mean_share(into);
+        into.exposure = self.timeline.exposure_of(taken.sequence, mean);
+        self.awaited.saw(into.exposure, mean);
     }
 
     fn pass_over(&mut self) -> Result<(), CameraError> {
@@ -284,6 +296,9 @@ impl Camera for V4l2Camera {
     }
 
     fn request(&mut self, exposure: Exposure) -> Result<Exposure, CameraError> {
+        if self.manual.fixed().is_none() && self.awaited.take_turn(self.timeline.delay, Instant::now()) {
+            self.measure_delay()?;
+        }
         self.apply(exposure).map(|(accepted, _)| accepted)
     }
 
@@ -294,7 +309,9 @@ impl Camera for V4l2Camera {
 
 fn wishes(settings: &V4l2Settings, agreed: &Agreed, controls: &Node) -> Wishes {
     let sensor = || {
-        let listed = Path::new(node::CLASS).join(Path::new(&controls.path).file_name()?);
+        // A link, such as one of /dev/v4l/by-path, has another name than the node has in /sys.
+        let path = std::fs::canonicalize(&controls.path).ok()?;
+        let listed = Path::new(node::CLASS).join(path.file_name()?);
         GainModel::of_sensor(&node::name(&listed))
     };
     Wishes {

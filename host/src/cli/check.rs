@@ -1,23 +1,24 @@
 //! `relume check`: what is wrong with a post, in plain words, before it opens.
 
+mod clock;
+mod lens;
 mod machine;
 mod receivers;
 mod view;
 
 use super::args::{Command, post_arguments};
 use crate::camera::replay::ReplayCamera;
+use crate::camera::{Camera, CameraLimits};
 use crate::colour::CameraColour;
-use crate::config::{ClockConfig, Config, DisplayConfig, SkyKind};
+use crate::config::{Config, DisplayConfig, SkyKind};
 use crate::display::headless::Headless;
 use crate::failure::Failure;
-use crate::lens::Lens;
 use crate::relight::FieldFile;
 use embedded_graphics::geometry::Size;
 use relume_firmware::overlay::{Overlay, Words, first_unreadable};
 use serde::Serialize;
 use std::fmt::Display;
 use std::path::Path;
-use std::time::SystemTime;
 
 pub(super) const COMMAND: Command = Command {
     name: "check",
@@ -106,7 +107,7 @@ fn check(file: &Path) -> Table {
     sky(&config, &mut table);
     receivers::receivers(&config, &mut behind, &mut table);
     drop(behind);
-    table.add("display", display(&config, size.unwrap_or((1, 1))).map(|words| ((), words)));
+    display(&config, size.unwrap_or((1, 1)), &mut table);
     let state = crate::outfile::check_writable(&config.health);
     if config.additive {
         table.say(
@@ -115,7 +116,7 @@ fn check(file: &Path) -> Table {
         );
     }
     table.add("health", state.map(|()| ((), format!("{} can be written", config.health.display()))));
-    table.add("clock", clock(&config).map(|words| ((), words)));
+    table.add("clock", clock::clock(&config).map(|words| ((), words)));
     machine::disk(&config, &mut table);
     machine::heat(&mut table);
     table
@@ -148,9 +149,7 @@ fn words(config: &Config, size: Option<(usize, usize)>) -> String {
 }
 
 fn sky(config: &Config, table: &mut Table) {
-    if let Some(path) = &config.camera.lens {
-        table.add("lens", Lens::load(path).map(|lens| ((), lens_words(&lens, path))));
-    }
+    let lens = config.camera.lens.as_ref().and_then(|path| lens::lens(path, table));
     if let Some(path) = &config.camera.response {
         let curve = crate::response::Response::load(path);
         table.add("response", curve.map(|_| ((), format!("{} is a response curve", path.display()))));
@@ -159,7 +158,11 @@ fn sky(config: &Config, table: &mut Table) {
     let words = match (config.sky, &config.camera.frames) {
         (SkyKind::Replay, Some(frames)) => {
             let camera = ReplayCamera::open(frames, false);
-            table.add("camera", camera.map(|_| ((), format!("frames from {}", frames.display()))));
+            let words = format!("frames from {}", frames.display());
+            if let Some(camera) = table.add("camera", camera.map(|camera| (camera, words))) {
+                let CameraLimits { width, height, .. } = camera.limits();
+                lens::fits(lens.as_ref(), (width, height), "name the lens of these frames in camera.lens", table);
+            }
             return;
         }
         (SkyKind::Logged, _) => {
@@ -169,7 +172,7 @@ fn sky(config: &Config, table: &mut Table) {
             return;
         }
         #[cfg(feature = "board")]
-        (SkyKind::Camera, _) => return machine::camera(config, table),
+        (SkyKind::Camera, _) => return machine::camera(config, lens.as_ref(), table),
         #[cfg(not(feature = "board"))]
         (SkyKind::Camera, _) => {
             table.add("camera", Err::<((), String), _>(super::run::no_drivers(config, "sky = \"camera\"")));
@@ -179,12 +182,6 @@ fn sky(config: &Config, table: &mut Table) {
         _ => "a simulated camera",
     };
     table.add("sky", Ok::<_, String>(((), words.to_string())));
-}
-
-fn lens_words(lens: &Lens, path: &Path) -> String {
-    let mask = lens.mask().map(|mask| format!("{:.0} % of the picture is sky by its mask", 100.0 * mask.share()));
-    let vignetting = if lens.has_vignetting() { "its vignetting is known" } else { "no vignetting is given" };
-    format!("{} is a lens; {vignetting}; {}", path.display(), mask.unwrap_or_else(|| "no mask".into()))
 }
 
 fn colour(config: &Config, table: &mut Table) {
@@ -197,36 +194,19 @@ fn colour(config: &Config, table: &mut Table) {
     table.add("colour", found.map(|words| ((), words)));
 }
 
-fn display(config: &Config, picture: (usize, usize)) -> Result<String, Failure> {
-    match &config.display {
-        DisplayConfig::Headless { folder, every } => {
-            Headless::open(folder, *every, picture)?;
-            Ok(format!("pictures go to {}", folder.display()))
-        }
+fn display(config: &Config, picture: (usize, usize), table: &mut Table) {
+    let failed: Failure = match &config.display {
+        DisplayConfig::Headless { folder, every } => match Headless::open(folder, *every, picture) {
+            Ok(_) => return table.say("display", format!("pictures go to {}", folder.display())),
+            Err(error) => error.into(),
+        },
         #[cfg(feature = "board")]
-        DisplayConfig::Kms(screen) => Ok(crate::display::kms::Kms::open(screen, picture)?.words()),
+        DisplayConfig::Kms(screen) => match crate::display::kms::Kms::open(screen, picture) {
+            Ok(display) => return machine::screen(display.outlook(), table),
+            Err(error) => error.into(),
+        },
         #[cfg(not(feature = "board"))]
-        DisplayConfig::Kms(_) => Err(super::run::no_drivers(config, "display.kind = \"kms\"")),
-    }
-}
-
-fn clock(config: &Config) -> Result<String, String> {
-    let made = std::fs::metadata(&config.field).and_then(|meta| meta.modified()).ok();
-    let clock = crate::clock::PostClock::start(config.clock, made);
-    let now = clock.now(0);
-    let shown = crate::sun::format_utc(now.unix_s);
-    match (config.clock, now.trusted) {
-        (ClockConfig::Simulated { .. }, _) => Ok(format!("a simulated clock starts at {shown}")),
-        (_, true) => Ok(format!("the system's clock shows {shown}")),
-        (_, false) if !clock.may_be_set() => Err(format!(
-            "the system's clock shows {shown}, but no time server has set it since the start and there is no hardware clock: \
-             connect one"
-        )),
-        (_, false) => Err(format!(
-            "the system's clock shows {shown}, before the field was made ({}); set it, or connect a time server",
-            made.unwrap_or(SystemTime::UNIX_EPOCH)
-                .duration_since(SystemTime::UNIX_EPOCH)
-                .map_or_else(|_| "?".into(), |t| crate::sun::format_utc(t.as_secs_f64()))
-        )),
-    }
+        DisplayConfig::Kms(_) => super::run::no_drivers(config, "display.kind = \"kms\""),
+    };
+    table.add("display", Err::<((), String), _>(failed));
 }

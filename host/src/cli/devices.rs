@@ -8,7 +8,8 @@ pub(super) const COMMAND: Command = Command {
     help: "\
 relume devices [--json]
 
-Lists the V4L2 cameras (formats and sizes) and the DRM displays (connectors and modes) of this machine.
+Lists the V4L2 cameras (formats, sizes with their frames a second, controls), their sub-devices and the DRM displays
+(connectors and modes) of this machine. Nothing is changed.
 Needs a build with the feature `board`: cargo build --release -p relume --no-default-features --features board
 ",
     act,

@@ -2,8 +2,9 @@
 //!
 //! A board without a clock of its own takes the time up where it was shut down: the date looks well and the sun is hours
 //! off. Where systemd's time service runs, it leaves a mark once it has heard from a time server. Without that service, or
-//! with a hardware clock, nothing can be told here, and the date alone is judged.
+//! with a hardware clock that has kept the time, nothing is waited for, and the date alone is judged.
 
+use super::hardware::{self, HardwareClock};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -12,16 +13,16 @@ use std::time::{Duration, Instant};
 /// Folder of the time service and its mark.
 const SERVICE: &str = "/run/systemd/timesync";
 const MARK: &str = "synchronized";
-/// Where hardware clocks are listed.
-const HARDWARE: &str = "/sys/class/rtc";
 /// How often the mark is looked for.
 const INTERVAL: Duration = Duration::from_secs(2);
 
 /// Looks for the mark from time to time; copies share what was found.
 #[derive(Clone, Debug)]
 pub(super) struct Synchronised {
-    /// Folder and mark of the service, unless there is nothing to wait for.
-    waited_for: Option<(PathBuf, PathBuf)>,
+    /// As it was when the program started.
+    hardware: Option<HardwareClock>,
+    service: PathBuf,
+    mark: PathBuf,
     found: Arc<AtomicBool>,
     /// Milliseconds after `started` at which to look again.
     next_ms: Arc<AtomicU64>,
@@ -29,31 +30,42 @@ pub(super) struct Synchronised {
 }
 
 impl Synchronised {
-    /// For this machine.
-    pub(super) fn of_system() -> Self {
-        Self::at(Path::new(SERVICE), Path::new(HARDWARE))
+    /// For this machine, whose clock shows `system_unix_s`; no post was made before `not_before_unix_s`.
+    pub(super) fn of_system(system_unix_s: f64, not_before_unix_s: f64) -> Self {
+        let hardware = HardwareClock::look(Path::new(hardware::CLASS), system_unix_s, not_before_unix_s);
+        Self::with(hardware, Path::new(SERVICE))
     }
 
-    fn at(service: &Path, hardware: &Path) -> Self {
-        let has_clock = std::fs::read_dir(hardware).is_ok_and(|mut clocks| clocks.next().is_some());
+    pub(super) fn with(hardware: Option<HardwareClock>, service: &Path) -> Self {
         Synchronised {
-            waited_for: (!has_clock).then(|| (service.to_owned(), service.join(MARK))),
+            hardware,
+            service: service.to_owned(),
+            mark: service.join(MARK),
             found: Arc::default(),
             next_ms: Arc::default(),
             started: Instant::now(),
         }
     }
 
+    /// The machine's hardware clock as it was at the start, if it has one.
+    pub(super) fn hardware(&self) -> Option<HardwareClock> {
+        self.hardware
+    }
+
+    /// Whether the time service has heard from a time server.
+    pub(super) fn has_heard(&self) -> bool {
+        self.mark.exists()
+    }
+
     /// True unless the clock is known not to have been set.
     pub(super) fn is_likely(&self) -> bool {
-        let Some((service, mark)) = &self.waited_for else { return true };
-        if self.found.load(Ordering::Relaxed) {
+        if self.hardware.is_some_and(|clock| clock.is_plausible) || self.found.load(Ordering::Relaxed) {
             return true;
         }
         let now_ms = self.started.elapsed().as_millis() as u64;
         if now_ms >= self.next_ms.load(Ordering::Relaxed) {
             self.next_ms.store(now_ms + INTERVAL.as_millis() as u64, Ordering::Relaxed);
-            let found = mark.exists() || !service.exists();
+            let found = self.has_heard() || !self.service.exists();
             self.found.store(found, Ordering::Relaxed);
             return found;
         }
@@ -68,17 +80,20 @@ mod tests {
     #[test]
     fn the_services_mark_is_waited_for_where_nothing_else_keeps_time() {
         let folder = tempfile::tempdir().unwrap();
-        let (service, hardware) = (folder.path().join("timesync"), folder.path().join("rtc"));
-        assert!(Synchronised::at(&service, &hardware).is_likely(), "no service: the date is judged");
+        let service = folder.path().join("timesync");
+        assert!(Synchronised::with(None, &service).is_likely(), "no service: the date is judged");
         std::fs::create_dir(&service).unwrap();
-        let waiting = Synchronised::at(&service, &hardware);
-        let copy = waiting.clone();
-        assert!(!waiting.is_likely() && !waiting.is_likely());
-        std::fs::write(service.join(MARK), "").unwrap();
-        waiting.next_ms.store(0, Ordering::Relaxed);
-        assert!(waiting.is_likely() && copy.is_likely(), "copies share what was found");
-        std::fs::remove_file(service.join(MARK)).unwrap();
-        std::fs::create_dir_all(hardware.join("rtc0")).unwrap();
-        assert!(Synchronised::at(&service, &hardware).is_likely(), "a clock of its own");
+        let without_battery = Some(HardwareClock { unix_s: 190.0, is_plausible: false });
+        for hardware in [None, without_battery] {
+            let waiting = Synchronised::with(hardware, &service);
+            let copy = waiting.clone();
+            assert!(!waiting.is_likely() && !waiting.is_likely(), "{hardware:?}");
+            std::fs::write(service.join(MARK), "").unwrap();
+            waiting.next_ms.store(0, Ordering::Relaxed);
+            assert!(waiting.is_likely() && copy.is_likely(), "copies share what was found");
+            std::fs::remove_file(service.join(MARK)).unwrap();
+        }
+        let kept = Some(HardwareClock { unix_s: 1.79e9, is_plausible: true });
+        assert!(Synchronised::with(kept, &service).is_likely(), "a clock of its own");
     }
 }

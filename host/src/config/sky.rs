@@ -56,6 +56,8 @@ pub struct CameraConfig {
     pub light_log: Option<PathBuf>,
     /// A real camera's node, or how its name begins.
     pub device: Option<String>,
+    /// The node that has a real camera's controls, where it is another: a raw sensor's sub-device.
+    pub controls: Option<String>,
     /// Width and height that a real camera is asked for.
     pub size: Option<(usize, usize)>,
     /// Pixel format (fourcc) that a real camera is asked for.
@@ -80,10 +82,11 @@ impl CameraConfig {
 /// The white of Rec.709 (D65), kelvin.
 const WHITE_K: u64 = 6500;
 /// Keys that belong to one sky only.
-const KEYS_OF: [(&str, SkyKind); 7] = [
+const KEYS_OF: [(&str, SkyKind); 8] = [
     ("camera.frames", SkyKind::Replay),
     ("camera.light_log", SkyKind::Logged),
     ("camera.device", SkyKind::Camera),
+    ("camera.controls", SkyKind::Camera),
     ("camera.size", SkyKind::Camera),
     ("camera.pixel_format", SkyKind::Camera),
     ("camera.white_balance_k", SkyKind::Camera),
@@ -111,6 +114,7 @@ pub(super) fn sky(r: &Reader, site: Option<Site>) -> Result<(SkyKind, CameraConf
         radiance_scale: r.number("camera.radiance_scale", 1e-6..=1e6)?.unwrap_or(1.0),
         light_log: r.path("camera.light_log")?,
         device: r.text("camera.device", 200)?,
+        controls: r.text("camera.controls", 200)?,
         size: r.size("camera.size")?,
         pixel_format: r.text("camera.pixel_format", 4)?,
         white_balance_k: r.whole("camera.white_balance_k", 1000..=20_000)?.unwrap_or(WHITE_K) as u32,

@@ -71,6 +71,21 @@ fn a_view_is_a_still_a_camera_or_pictures_in_turn() {
 }
 
 #[test]
+fn a_raw_sensor_names_the_node_of_its_controls() {
+    let camera = "[camera]\ndevice = '/dev/video0'\nlens = 'l.json'\ncontrols = '/dev/v4l-subdev0'\n";
+    let config = load(&format!("{}{camera}", LEAST.replace("simulated", "camera"))).unwrap();
+    assert_eq!(config.camera.controls.as_deref(), Some("/dev/v4l-subdev0"));
+    #[cfg(feature = "board")]
+    {
+        let settings = crate::sky_source::live::v4l2_settings(&config).unwrap();
+        assert_eq!((settings.device.as_str(), settings.controls), ("/dev/video0", config.camera.controls));
+    }
+    let replay =
+        format!("{}[camera]\nframes = 'f'\nlens = 'l'\ncontrols = 'c'\n", LEAST.replace("simulated", "replay"));
+    refused(&replay, &["camera.controls is only used with sky = \"camera\""]);
+}
+
+#[test]
 fn unknown_keys_are_refused_with_the_nearest_name() {
     refused(&LEAST.replace("latitude", "latitute"), &["unknown key site.latitute", "did you mean site.latitude?"]);
     refused(&format!("titel = 'x'\n{LEAST}"), &["unknown key titel", "did you mean title?"]);

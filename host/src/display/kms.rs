@@ -27,6 +27,17 @@ const TRY_EVERY: Duration = Duration::from_secs(2);
 /// How often a card is asked for its monitors where the kernel does not tell of them; its own polling is as slow.
 const ASK_EVERY: Duration = Duration::from_secs(10);
 
+/// What becomes of pictures, in words.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outlook {
+    /// They are shown: on what.
+    Shown(String),
+    /// Nothing is plugged in; that may come.
+    Unplugged(String),
+    /// What is plugged in cannot show them as the post's file asks: why.
+    Unfit(String),
+}
+
 /// A display behind a DRM card.
 pub struct Kms {
     config: KmsConfig,
@@ -44,32 +55,36 @@ impl Kms {
     /// A display for pictures of `picture` pixels.
     ///
     /// # Errors
-    /// [`DisplayError::Screen`] where the card, connector or mode is not there, or another program has it. Nothing plugged
-    /// in is no error: the monitor may be switched on later.
+    /// [`DisplayError::Screen`] where the card is not there, or another program has it. Nothing plugged in is no error, nor is
+    /// a monitor that does not fit (no such mode or format, too few pixels): another one may come, and until then
+    /// [`Display::trouble`] tells what is wrong.
     pub fn open(config: &KmsConfig, picture: (usize, usize)) -> Result<Self, DisplayError> {
-        let now = Instant::now();
-        let mut display = Kms {
-            config: config.clone(),
-            picture,
-            screen: None,
-            trouble: None,
-            sockets: Sockets::look(Path::new(CLASS)),
-            tried: now,
-            looked: now,
-        };
+        let mut display = Self::without_screen(config, picture);
         display.find();
-        match &display.trouble {
-            None | Some((Trouble::Unplugged(_), _)) => Ok(display),
-            Some((_, words)) => Err(DisplayError::Screen(words.clone())),
+        display.opened()
+    }
+
+    fn without_screen(config: &KmsConfig, picture: (usize, usize)) -> Self {
+        let now = Instant::now();
+        let sockets = Sockets::look(Path::new(CLASS));
+        Kms { config: config.clone(), picture, screen: None, trouble: None, sockets, tried: now, looked: now }
+    }
+
+    /// Itself, unless there is a trouble that a post does not open with.
+    fn opened(self) -> Result<Self, DisplayError> {
+        match &self.trouble {
+            Some((trouble, words)) if !trouble.is_lived_with() => Err(DisplayError::Screen(words.clone())),
+            _ => Ok(self),
         }
     }
 
-    /// What pictures go to, in a few words.
-    pub fn words(&self) -> String {
+    /// What pictures go to, in a few words, or why nowhere.
+    pub fn outlook(&self) -> Outlook {
         match (&self.screen, &self.trouble) {
-            (Some(screen), _) => screen.words(),
-            (None, Some((_, words))) => words.clone(),
-            (None, None) => String::new(),
+            (Some(screen), _) => Outlook::Shown(screen.words()),
+            (None, Some((Trouble::Unplugged(_), words))) => Outlook::Unplugged(words.clone()),
+            (None, Some((_, words))) => Outlook::Unfit(words.clone()),
+            (None, None) => Outlook::Unplugged("no screen has been looked for".into()),
         }
     }
 
@@ -174,11 +189,48 @@ impl Display for Kms {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::damage::Damage;
+    use output::{ModeFacts, fitting_mode};
+
+    const NO_CARD: &str = "/dev/dri/card99";
+
+    fn on_no_card() -> KmsConfig {
+        KmsConfig { card: Some(NO_CARD.into()), ..KmsConfig::default() }
+    }
 
     #[test]
     fn a_card_that_is_not_there_is_no_display() {
-        let config = KmsConfig { card: Some("/dev/dri/card99".into()), ..KmsConfig::default() };
-        let refused = Kms::open(&config, (640, 480)).err().map(|error| error.to_string());
+        let refused = Kms::open(&on_no_card(), (640, 480)).err().map(|error| error.to_string());
         assert_eq!(refused.as_deref(), Some("display: /dev/dri/card99 is not there"));
+    }
+
+    /// A display whose only trouble is this.
+    fn troubled(trouble: Trouble) -> Kms {
+        let mut display = Kms::without_screen(&on_no_card(), (640, 480));
+        display.lose(trouble);
+        display
+    }
+
+    #[test]
+    fn a_post_opens_on_a_monitor_that_does_not_fit_and_tells() {
+        let facts = [ModeFacts { size: (800, 600), refresh_hz: 60, preferred: true }];
+        let no_such_mode = fitting_mode("HDMI-A-1", &facts, "1920x1080".parse().ok(), (640, 480)).unwrap_err();
+        let too_small = fitting_mode("HDMI-A-1", &facts, None, (1280, 720)).unwrap_err();
+        let words = [
+            "HDMI-A-1 has no mode 1920x1080; it has 800x600@60",
+            "HDMI-A-1 has no mode for 1280x720 pixels; it has 800x600@60",
+        ];
+        for (unfit, words) in [no_such_mode, too_small].into_iter().zip(words) {
+            assert_eq!(unfit.cure(), Cure::Monitor, "a fitting monitor cures it");
+            let mut display = troubled(unfit).opened().unwrap();
+            assert_eq!(display.trouble(), Some(words));
+            assert_eq!(display.outlook(), Outlook::Unfit(words.into()));
+            let (pixels, damage) = (vec![0; 640 * 480], Damage::whole(640, 480));
+            let frame = Frame { width: 640, height: 480, pixels_bgrx: &pixels, number: 0, damage: &damage };
+            display.present(&frame).unwrap();
+        }
+        let unplugged = troubled(Trouble::Unplugged("HDMI-A-1".into())).opened().unwrap();
+        assert_eq!(unplugged.outlook(), Outlook::Unplugged("nothing is plugged into HDMI-A-1".into()));
+        assert!(troubled(Trouble::Taken(NO_CARD.into())).opened().is_err());
     }
 }

@@ -53,6 +53,7 @@ pub fn v4l2_settings(config: &Config) -> anyhow::Result<V4l2Settings> {
     });
     Ok(V4l2Settings {
         device: config.camera.device.clone().unwrap_or_default(),
+        controls: config.camera.controls.clone(),
         size: config.camera.size.map(|(width, height)| [width as u32, height as u32]),
         fourcc: fourcc.transpose()?,
         white_balance_k: config.camera.white_balance_k,

@@ -5,16 +5,20 @@
 
 mod device;
 mod gain;
+mod told;
 
 use super::node::{Errno, errno};
 use crate::camera::Exposure;
 pub(super) use device::DeviceControls;
 pub use gain::GainModel;
 use std::io;
+pub(super) use told::{listed, short};
 
 /// Control numbers, from linux/v4l2-controls.h.
 pub(super) mod id {
     pub const AUTO_WHITE_BALANCE: u32 = 0x0098_090c;
+    pub const RED_BALANCE: u32 = 0x0098_090e;
+    pub const BLUE_BALANCE: u32 = 0x0098_090f;
     pub const EXPOSURE_LINES: u32 = 0x0098_0911;
     pub const AUTO_GAIN: u32 = 0x0098_0912;
     pub const GAIN: u32 = 0x0098_0913;
@@ -126,6 +130,10 @@ pub(super) struct Manual {
     times: Option<Times>,
     gains: Option<Gains>,
     nominal_s: f64,
+    /// There is a gain control, and nobody knows what its codes mean.
+    is_gain_unknown: bool,
+    /// What the white balance's controls read since they were set: name, value, unit.
+    white: Vec<(&'static str, i64, &'static str)>,
     /// What could not be done, for a person.
     pub notes: Vec<String>,
 }
@@ -134,7 +142,7 @@ impl Manual {
     /// Leaves everything as it is: pictures for the eye are exposed by the camera.
     pub(super) fn untouched(interval_s: Option<f64>) -> Self {
         let nominal_s = interval_s.unwrap_or(USUAL_INTERVAL_S);
-        Manual { times: None, gains: None, nominal_s, notes: Vec::new() }
+        Manual { times: None, gains: None, nominal_s, is_gain_unknown: false, white: Vec::new(), notes: Vec::new() }
     }
 
     /// Turns automatics off and finds out what can be set.
@@ -239,29 +247,59 @@ impl Manual {
         self.lesser(controls, id::POWER_LINE_FREQUENCY, 0, "the flicker filter cannot be turned off")?;
         self.lesser(controls, id::BACKLIGHT_COMPENSATION, i64::MIN, "backlight compensation cannot be turned off")?;
         self.lesser(controls, id::WIDE_DYNAMIC_RANGE, 0, "dynamic range compression cannot be turned off")?;
-        let white = wishes.white_balance_k;
-        self.lesser(controls, id::WHITE_BALANCE_TEMPERATURE, white, "the white balance cannot be fixed")
+        let kelvin = Some(wishes.white_balance_k);
+        self.fix_white(controls, id::WHITE_BALANCE_TEMPERATURE, ("white balance", " K"), kelvin)?;
+        // Amplifications of two channels, where automatic white balance may have left them.
+        self.fix_white(controls, id::RED_BALANCE, ("red balance", ""), None)?;
+        self.fix_white(controls, id::BLUE_BALANCE, ("blue balance", ""), None)
     }
 
-    /// Sets what a picture can do without: a refusal is noted. Only a device that is gone or hangs is an error.
+    /// Fixes one control of the white balance, at its default where no value is wished.
+    fn fix_white(
+        &mut self,
+        controls: &mut impl Controls,
+        id: u32,
+        (name, unit): (&'static str, &'static str),
+        value: Option<i64>,
+    ) -> Result<(), ControlFault> {
+        let what = "the white balance cannot be fixed";
+        let Some(range) = present(controls, id, what)? else { return Ok(()) };
+        if let Some(stands) = self.lesser(controls, id, value.unwrap_or(range.default), what)? {
+            self.white.push((name, stands, unit));
+        }
+        Ok(())
+    }
+
+    /// Sets what a picture can do without, and reads it back: a refusal and another value are noted. The value that stands,
+    /// where it is known. Only a device that is gone or hangs is an error.
     fn lesser(
         &mut self,
         controls: &mut impl Controls,
         id: u32,
         value: i64,
         what: &'static str,
-    ) -> Result<(), ControlFault> {
-        let Some(range) = present(controls, id, what)? else { return Ok(()) };
-        match controls.set(id, value.clamp(range.min, range.max)) {
+    ) -> Result<Option<i64>, ControlFault> {
+        let Some(range) = present(controls, id, what)? else { return Ok(None) };
+        let wanted = value.clamp(range.min, range.max);
+        match controls.set(id, wanted).and_then(|()| controls.get(id)) {
             Err(error) if is_fatal(&error) => Err(ControlFault { what, error }),
             Err(error) => {
-                let note = format!("{what}: {error}");
-                if !self.notes.contains(&note) {
-                    self.notes.push(note);
-                }
-                Ok(())
+                self.note(format!("{what}: {error}"));
+                Ok(None)
             }
-            Ok(()) => Ok(()),
+            Ok(stands) => {
+                // Less than a step is rounding.
+                if (stands - wanted).abs() >= range.step.max(1) {
+                    self.note(format!("{what}: set to {wanted}, it reads {stands}"));
+                }
+                Ok(Some(stands))
+            }
+        }
+    }
+
+    fn note(&mut self, note: String) {
+        if !self.notes.contains(&note) {
+            self.notes.push(note);
         }
     }
 
@@ -306,6 +344,7 @@ impl Manual {
             let Some(range) = present(controls, id, what)? else { continue };
             self.lesser(controls, id, range.min, what)?;
             self.gains = wishes.gain.map(|model| Gains { id, range, model });
+            self.is_gain_unknown = self.gains.is_none();
             break;
         }
         Ok(())

@@ -4,9 +4,11 @@
 //! B + `unchanged_frames` still have the setting before, frames from A + `settled_frames` on have the new one, and nobody
 //! knows about those between: they are reported with [`UNKNOWN_EXPOSURE`], which is the exposure of no request.
 
+mod awaited;
 mod measure;
 
 use crate::camera::{Codes, Exposure, Frame};
+pub(super) use awaited::{Awaited, measuring};
 pub(super) use measure::{Stepped, measure};
 use std::collections::VecDeque;
 

@@ -113,6 +113,24 @@ fn sizes(node: &Node, fourcc: [u8; 4]) -> Vec<[[u32; 2]; 2]> {
     (0..256).map_while(entry).collect()
 }
 
+/// Least and most frames a second that the node offers with a format and size, where it tells.
+pub(super) fn rates_hz(node: &Node, fourcc: [u8; 4], [width, height]: [u32; 2]) -> Option<[f64; 2]> {
+    let entry = |index: u32| {
+        let mut interval = sys::v4l2_frmivalenum::zeroed();
+        (interval.index, interval.pixel_format) = (index, u32::from_le_bytes(fourcc));
+        (interval.width, interval.height) = (width, height);
+        ioctl::ioctl(&node.file, &ioctl::ENUM_FRAMEINTERVALS, &mut interval).ok()?;
+        Some(ioctl::frame_intervals_s(&interval))
+    };
+    span_hz((0..256).map_while(entry))
+}
+
+/// Least and most frames a second of a list of intervals in seconds; drivers leave some of them 0 / 0.
+fn span_hz(intervals_s: impl Iterator<Item = [f64; 2]>) -> Option<[f64; 2]> {
+    let told = intervals_s.flatten().filter(|seconds| seconds.is_finite() && *seconds > 0.0).map(f64::recip);
+    told.map(|hz| [hz; 2]).reduce(|span, [hz, _]| [span[0].min(hz), span[1].max(hz)])
+}
+
 /// The largest listed size that is not more than enough, else the smallest; ranges of sizes are nobody's choice.
 fn enough(sizes: &[[[u32; 2]; 2]]) -> Option<[u32; 2]> {
     let pixels = |size: &[u32; 2]| u64::from(size[0]) * u64::from(size[1]);
@@ -173,6 +191,16 @@ mod tests {
         assert_eq!(coding(10, 2, 0), coded(Range::Limited, Matrix::Bt2020));
         assert_eq!(coding(8, 1, 2), coded(Range::Full, Matrix::Bt709));
         assert_eq!(coding(3, 2, 1), coded(Range::Limited, Matrix::Bt601));
+    }
+
+    #[test]
+    fn rates_span_all_intervals_that_say_something() {
+        assert_eq!(span_hz([[0.04; 2], [0.2; 2], [0.125; 2]].into_iter()), Some([5.0, 25.0]));
+        assert_eq!(span_hz([[0.02, 1.0]].into_iter()), Some([1.0, 50.0]), "a range");
+        assert_eq!(span_hz([[f64::NAN, 0.04], [0.0; 2]].into_iter()), Some([25.0, 25.0]));
+        assert_eq!(span_hz(std::iter::empty()), None);
+        assert_eq!(crate::camera::v4l2::asked::words([5.0, 25.0]), "5..25");
+        assert_eq!(crate::camera::v4l2::asked::words([30.0, 30.0]), "30");
     }
 
     #[test]

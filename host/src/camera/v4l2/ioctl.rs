@@ -29,7 +29,7 @@ macro_rules! plain {
     };
 }
 plain!(c_int sys::v4l2_capability sys::v4l2_fmtdesc sys::v4l2_format sys::v4l2_pix_format sys::v4l2_requestbuffers sys::v4l2_buffer
-       sys::v4l2_streamparm sys::v4l2_control sys::v4l2_queryctrl sys::v4l2_querymenu sys::v4l2_frmsizeenum
+       sys::v4l2_streamparm sys::v4l2_control sys::v4l2_queryctrl sys::v4l2_querymenu sys::v4l2_frmsizeenum sys::v4l2_frmivalenum
        sys::v4l2_event_subscription sys::v4l2_event sys::v4l2_ext_control sys::v4l2_ext_controls);
 
 /// A request with an argument of type `T`.
@@ -52,6 +52,7 @@ impl<T> Request<T> {
 pub(super) const QUERYCAP: Request<sys::v4l2_capability> = Request::new(vidioc::VIDIOC_QUERYCAP);
 pub(super) const ENUM_FMT: Request<sys::v4l2_fmtdesc> = Request::new(vidioc::VIDIOC_ENUM_FMT);
 pub(super) const ENUM_FRAMESIZES: Request<sys::v4l2_frmsizeenum> = Request::new(vidioc::VIDIOC_ENUM_FRAMESIZES);
+pub(super) const ENUM_FRAMEINTERVALS: Request<sys::v4l2_frmivalenum> = Request::new(vidioc::VIDIOC_ENUM_FRAMEINTERVALS);
 pub(super) const REQBUFS: Request<sys::v4l2_requestbuffers> = Request::new(vidioc::VIDIOC_REQBUFS);
 pub(super) const QUERYBUF: Request<sys::v4l2_buffer> = Request::new(vidioc::VIDIOC_QUERYBUF);
 pub(super) const QBUF: Request<sys::v4l2_buffer> = Request::new(vidioc::VIDIOC_QBUF);
@@ -123,6 +124,18 @@ pub(super) fn frame_size(size: &sys::v4l2_frmsizeenum) -> [[u32; 2]; 2] {
     // SAFETY: as above; continuous sizes are steps of 1.
     let steps = unsafe { size.__bindgen_anon_1.stepwise };
     [[steps.min_width, steps.min_height], [steps.max_width, steps.max_height]]
+}
+
+/// An interval list's entry: the time from frame to frame, or the least and the most, seconds.
+pub(super) fn frame_intervals_s(entry: &sys::v4l2_frmivalenum) -> [f64; 2] {
+    let seconds = |time: sys::v4l2_fract| f64::from(time.numerator) / f64::from(time.denominator);
+    if entry.type_ == sys::v4l2_frmivaltypes_V4L2_FRMIVAL_TYPE_DISCRETE {
+        // SAFETY: the type says which member the driver wrote.
+        return [seconds(unsafe { entry.__bindgen_anon_1.discrete }); 2];
+    }
+    // SAFETY: as above; continuous intervals are steps of what the driver can.
+    let steps = unsafe { entry.__bindgen_anon_1.stepwise };
+    [seconds(steps.min), seconds(steps.max)]
 }
 
 /// Time from frame to frame, seconds, where the driver tells it.

@@ -27,6 +27,15 @@ pub(crate) fn picture_nodes(class: &Path) -> Vec<PathBuf> {
     nodes
 }
 
+/// Sub-devices of `class`, such as a sensor's `v4l-subdev0`, in their order.
+pub(crate) fn sub_devices(class: &Path) -> Vec<PathBuf> {
+    let number = |node: &Path| node.file_name()?.to_str()?.strip_prefix("v4l-subdev")?.parse::<u32>().ok();
+    let entries = fs::read_dir(class).into_iter().flatten().flatten();
+    let mut nodes: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|node| number(node).is_some()).collect();
+    nodes.sort_by_key(|node| number(node));
+    nodes
+}
+
 /// The node's name as the kernel lists it.
 pub(crate) fn name(node: &Path) -> String {
     fs::read_to_string(node.join("name")).unwrap_or_default().trim().to_string()
@@ -62,6 +71,20 @@ impl Node {
             Ok(file) => Ok(Node { path, file: Arc::new(file) }),
             Err(error) => Err(opening(path, &error)),
         }
+    }
+
+    /// Opens the node that has a camera's controls, where it is another (`camera.controls`).
+    ///
+    /// # Errors
+    /// [`CameraError::Device`] when it is not there or may not be opened.
+    pub(super) fn open_controls(device: &str) -> Result<Self, CameraError> {
+        Self::open(device).map_err(|error| match error {
+            CameraError::Lost => CameraError::Device {
+                path: device.into(),
+                what: "is not there, and camera.controls names it; `relume devices` lists sub-devices".into(),
+            },
+            other => other,
+        })
     }
 
     /// Makes sure that the node gives pictures, in buffers that can be mapped.
@@ -142,6 +165,10 @@ mod tests {
             fs::write(folder.join("name"), format!("{name}\n")).unwrap();
             fs::write(folder.join("index"), format!("{index}\n")).unwrap();
         }
+        for node in ["v4l-subdev10", "v4l-subdev2"] {
+            fs::create_dir(class.path().join(node)).unwrap();
+        }
+        assert_eq!(sub_devices(class.path()), ["v4l-subdev2", "v4l-subdev10"].map(|node| class.path().join(node)));
         assert_eq!(find("Sky", class.path()), Some(PathBuf::from("/dev/video10")));
         assert_eq!(find("vivid", class.path()), Some(PathBuf::from("/dev/video0")));
         assert_eq!(find("/dev/video7", class.path()), Some(PathBuf::from("/dev/video7")));
@@ -152,6 +179,8 @@ mod tests {
     fn what_is_not_there_is_lost_and_what_is_no_camera_says_so() {
         assert!(matches!(Node::open("/dev/video-none"), Err(CameraError::Lost)));
         assert!(matches!(Node::open("No Such Camera"), Err(CameraError::Lost)));
+        let error = Node::open_controls("/dev/v4l-subdev-none").err().unwrap().to_string();
+        assert!(error.starts_with("/dev/v4l-subdev-none: is not there, and camera.controls"), "{error}");
         let error = Node::open("/dev/null").unwrap().check_captures().unwrap_err();
         assert!(error.to_string().starts_with("/dev/null: is no V4L2 node"), "{error}");
     }

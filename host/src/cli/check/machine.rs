@@ -6,6 +6,10 @@ use crate::camera::{Camera, Frame, v4l2::V4l2Camera};
 use crate::config::Config;
 #[cfg(feature = "board")]
 use crate::config::ViewCamera;
+#[cfg(feature = "board")]
+use crate::display::kms::Outlook;
+#[cfg(feature = "board")]
+use crate::lens::Lens;
 use rustix::fs::statvfs;
 use std::fs;
 use std::path::Path;
@@ -47,9 +51,26 @@ pub(super) fn heat(table: &mut Table) {
     table.add("heat", found);
 }
 
+/// What the screen would show. Without a monitor the post opens and waits for one.
+#[cfg(feature = "board")]
+pub(super) fn screen(outlook: Outlook, table: &mut Table) {
+    match outlook {
+        Outlook::Shown(words) => table.say("display", words),
+        Outlook::Unplugged(words) => {
+            table.advise(
+                "display",
+                format!("{words}: nobody will see the picture; plug the display in and switch it on"),
+            );
+        }
+        Outlook::Unfit(words) => {
+            table.add("display", Err::<((), String), _>(words));
+        }
+    }
+}
+
 /// Opens the camera, measures its delay and its pace.
 #[cfg(feature = "board")]
-pub(super) fn camera(config: &Config, table: &mut Table) {
+pub(super) fn camera(config: &Config, lens: Option<&Lens>, table: &mut Table) {
     let settings = crate::sky_source::live::v4l2_settings(config);
     let opened = settings.and_then(|settings| {
         let mut camera = V4l2Camera::open(&settings)?;
@@ -60,13 +81,18 @@ pub(super) fn camera(config: &Config, table: &mut Table) {
         Ok(((camera, delay), words))
     });
     let Some((mut camera, delay)) = table.add("camera", opened.map_err(|error| format!("{error:#}"))) else { return };
+    super::lens::fits(lens, camera.layout().output_size(), super::lens::ASK_FOR_SIZE, table);
     let shows = format!("a new exposure shows after {} frames", delay.settled_frames);
     let words = if delay.measured { shows } else { format!("{shows}, a guess: too dark or too bright to measure") };
     table.add("delay", Ok::<_, String>(((), words)));
-    table.add("frames", pace(&mut camera).map(|words| ((), words)));
+    let offered =
+        camera.rates_hz().map(|rates| format!("; the camera offers {}", crate::camera::v4l2::asked::words(rates)));
+    let offered = offered.unwrap_or_default();
+    table.add("frames", pace(&mut camera).map(|words| ((), format!("{words}{offered}"))));
     table.add("series", series(&mut camera).map(|words| ((), words)));
+    table.say("controls", camera.controls_told().join("; "));
     for note in camera.notes() {
-        table.add("controls", Ok::<_, String>(((), note.clone())));
+        table.advise("controls", note.clone());
     }
 }
 
@@ -133,4 +159,22 @@ fn series(camera: &mut crate::camera::v4l2::V4l2Camera) -> Result<String, String
         "{frames} exposures of {shortest:.4} to {longest:.4} s at gain {gain:.1} at most, in {took_s:.2} s; \
          under a calm sky a frame every {WATCH_S} s and a series every {SERIES_S} s"
     ))
+}
+
+#[cfg(all(test, feature = "board"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_picture_that_is_shown_is_well() {
+        let row = |outlook| {
+            let mut table = Table::default();
+            screen(outlook, &mut table);
+            table.text()
+        };
+        assert_eq!(row(Outlook::Shown("HDMI-A-1 640x480".into())), "ok   display    HDMI-A-1 640x480\n");
+        let unplugged = row(Outlook::Unplugged("nothing is plugged into HDMI-A-1".into()));
+        assert!(unplugged.starts_with("see  display    nothing is plugged into HDMI-A-1"), "{unplugged}");
+        assert_eq!(row(Outlook::Unfit("no such mode".into())), "BAD  display    no such mode\n");
+    }
 }

@@ -116,11 +116,23 @@ pub(super) fn choose_output(card: &Card, config: &KmsConfig, picture: (usize, us
     let orientation = orientation(card, info.handle());
     let need = config.rotation.and(orientation).turned(picture);
     let facts: Vec<ModeFacts> = info.modes().iter().map(ModeFacts::of).collect();
-    let mode = choose_mode(&facts, config.mode, need);
-    let mode = mode.ok_or_else(|| Trouble::Unfit(no_mode(&name, config.mode, need, &facts)))?;
+    let mode = fitting_mode(&name, &facts, config.mode, need)?;
     let crtc = free_crtc(card, &resources, &infos, info)
         .ok_or_else(|| Trouble::Unfit(format!("{path} has nothing to drive {name} with")))?;
     Ok(Output { connector: info.handle(), name, crtc, mode: info.modes()[mode], orientation, note })
+}
+
+/// The number of the mode to use on the socket `name`; see [`choose_mode`].
+///
+/// # Errors
+/// [`Trouble::Unfit`] with the modes that there are.
+pub(super) fn fitting_mode(
+    name: &str,
+    modes: &[ModeFacts],
+    wish: Option<ModeWish>,
+    need: (usize, usize),
+) -> Result<usize, Trouble> {
+    choose_mode(modes, wish, need).ok_or_else(|| Trouble::Unfit(no_mode(name, wish, need, modes)))
 }
 
 fn no_mode(name: &str, wish: Option<ModeWish>, need: (usize, usize), modes: &[ModeFacts]) -> String {
@@ -155,11 +167,19 @@ fn free_crtc(
 
 /// How the kernel says that the panel is built in, turned back.
 fn orientation(card: &Card, connector: connector::Handle) -> Rotation {
-    // Normal, Upside Down, Left Side Up, Right Side Up (drm_connector.c).
-    match property(card, connector, "panel orientation").map(|(_, value)| value) {
+    turned_back(property(card, connector, "panel orientation").map(|(_, value)| value))
+}
+
+/// The rotation that undoes a connector's "panel orientation": which of the panel's sides is at the top of its casing, and so
+/// where in the memory the picture's top belongs. Values of the kernel's `drm_connector_enum_panel_orientation`.
+fn turned_back(orientation: Option<u64>) -> Rotation {
+    match orientation {
+        // Upside Down.
         Some(1) => Rotation::Half,
-        Some(2) => Rotation::Quarter,
-        Some(3) => Rotation::ThreeQuarters,
+        // Left Side Up.
+        Some(2) => Rotation::ThreeQuarters,
+        // Right Side Up.
+        Some(3) => Rotation::Quarter,
         _ => Rotation::None,
     }
 }
@@ -193,6 +213,9 @@ pub(super) fn planes(card: &Card, crtc: crtc::Handle) -> Option<(plane::Handle, 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::damage::Damage;
+    use crate::display::Frame;
+    use crate::display::pack::{PixelFormat, Placement};
 
     fn modes() -> Vec<ModeFacts> {
         let mode = |width, height, refresh_hz, preferred| ModeFacts { size: (width, height), refresh_hz, preferred };
@@ -231,5 +254,27 @@ mod tests {
         let both = chosen(&[("HDMI-A-3", true), ("HDMI-A-4", true)], Some("HDMI-A-1"));
         assert_eq!(both.unwrap_err().to_string(), "card0 has no connector HDMI-A-1; it has HDMI-A-3 HDMI-A-4");
         assert!(matches!(chosen(&[("HDMI-A-3", false)], Some("HDMI-A-1")), Err(Trouble::Unplugged(_))));
+    }
+
+    /// A picture of 3x2 pixels, 1 2 3 over 4 5 6, in the memory of a panel that it fills.
+    fn on_panel(orientation: Option<u64>) -> Vec<Vec<u32>> {
+        let (pixels, damage) = ([1, 2, 3, 4, 5, 6], Damage::whole(3, 2));
+        let frame = Frame { width: 3, height: 2, pixels_bgrx: &pixels, number: 0, damage: &damage };
+        let rotation = turned_back(orientation);
+        let panel = rotation.turned((3, 2));
+        let placement = Placement::centred((3, 2), panel, rotation, PixelFormat::Xrgb8888, panel.0).unwrap();
+        let mut memory = vec![0; 6];
+        damage.areas().for_each(|area| placement.write(&frame, area, &mut memory));
+        memory.chunks(panel.0).map(<[u32]>::to_vec).collect()
+    }
+
+    #[test]
+    fn the_pictures_top_is_at_the_side_of_the_panel_that_is_up() {
+        let upright = vec![vec![1, 2, 3], vec![4, 5, 6]];
+        assert_eq!((on_panel(None), on_panel(Some(0))), (upright.clone(), upright));
+        assert_eq!(on_panel(Some(1)), [[6, 5, 4], [3, 2, 1]], "upside down: the bottom is up");
+        // The first column of the memory is the panel's left side. Up there, the panel's bottom is the viewer's left.
+        assert_eq!(on_panel(Some(2)), [[3, 6], [2, 5], [1, 4]], "left side up: the first row is the first column");
+        assert_eq!(on_panel(Some(3)), [[4, 1], [5, 2], [6, 3]], "right side up: the first row is the last column");
     }
 }

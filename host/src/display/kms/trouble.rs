@@ -62,6 +62,12 @@ impl Trouble {
         }
     }
 
+    /// Whether a post opens with it. Another monitor, or another file, cures what is unplugged or does not fit, and a start
+    /// tried again every few seconds would cure neither: the post runs, and its badge and state tell what is wrong.
+    pub(super) fn is_lived_with(&self) -> bool {
+        matches!(self, Trouble::Unplugged(_) | Trouble::Unfit(_))
+    }
+
     /// What may cure it.
     pub(super) fn cure(&self) -> Cure {
         match self {

@@ -13,6 +13,8 @@ struct Fake {
     faults: RefCell<Vec<(u32, Errno)>>,
     /// Times are multiples of this.
     rounding: i64,
+    /// Controls that take every value and keep their own.
+    deaf: Vec<u32>,
 }
 
 const fn range(min: i64, max: i64, default: i64) -> ControlRange {
@@ -81,6 +83,9 @@ impl Controls for Fake {
         };
         if inactive {
             return Err(Errno::ACCESS.into());
+        }
+        if self.deaf.contains(&id) {
+            return Ok(());
         }
         let control = self.controls.get_mut(&id).ok_or_else(|| io::Error::from(Errno::INVAL))?;
         let rounded = if id == id::EXPOSURE_ABSOLUTE { value / self.rounding * self.rounding } else { value };
@@ -214,4 +219,59 @@ fn a_sensor_without_a_line_time_says_so() {
     let manual = Manual::take_over(&mut sensor, &WISHES).unwrap();
     assert!(manual.notes[0].contains("line time"), "{:?}", manual.notes);
     assert!((manual.times_s().2 - 0.04 / (1232.0 + 531.0)).abs() < 1e-12);
+}
+
+#[test]
+fn colours_are_fixed_by_the_channels_too_and_read_back() {
+    let balanced = Fake::webcam().with(id::RED_BALANCE, range(0, 255, 128)).with(id::BLUE_BALANCE, range(0, 255, 120));
+    let mut camera = Fake { deaf: vec![id::BLUE_BALANCE, id::POWER_LINE_FREQUENCY], ..balanced };
+    for (control, left) in [(id::RED_BALANCE, 200), (id::BLUE_BALANCE, 90)] {
+        camera.controls.get_mut(&control).unwrap().1 = left;
+    }
+    let manual = Manual::take_over(&mut camera, &WISHES).unwrap();
+    assert_eq!(camera.value(id::RED_BALANCE), 128, "its default, whatever automatics left");
+    assert_eq!(manual.told()[2], "white balance 5500 K, red balance 128, blue balance 90");
+    let notes = [
+        "the flicker filter cannot be turned off: set to 0, it reads 1",
+        "the white balance cannot be fixed: set to 120, it reads 90",
+    ];
+    assert_eq!(manual.notes, notes);
+    // What a driver rounds to its step has been done.
+    let stepped = ControlRange { step: 100, ..range(2800, 6500, 4600) };
+    let mut camera = Fake::webcam().with(id::WHITE_BALANCE_TEMPERATURE, stepped);
+    camera.deaf.push(id::WHITE_BALANCE_TEMPERATURE);
+    camera.controls.get_mut(&id::WHITE_BALANCE_TEMPERATURE).unwrap().1 = 5450;
+    assert_eq!(Manual::take_over(&mut camera, &WISHES).unwrap().notes, [""; 0]);
+}
+
+#[test]
+fn what_can_be_set_is_told_in_seconds_and_gains() {
+    let mut webcam = Fake::webcam();
+    let manual = Manual::take_over(&mut webcam, &WISHES).unwrap();
+    let told = manual.told();
+    assert_eq!(told[0], "exposure 0.0001 to 0.5 s in steps of 0.0001 s");
+    assert!(told[1].starts_with("gain stays at its least: give camera.max_gain"), "{told:?}");
+    assert_eq!(told[2], "white balance 5500 K");
+    let wishes = Wishes { gain: Some(GainModel::UpTo(8.0)), ..WISHES };
+    assert_eq!(Manual::take_over(&mut webcam, &wishes).unwrap().told()[1], "gain 1 to 8");
+    // A line of the sensor is 3448 pixels at 182.4 MHz.
+    let wishes = Wishes { gain: GainModel::of_sensor("imx219 10-0010"), ..WISHES };
+    let told = Manual::take_over(&mut Fake::sensor(), &wishes).unwrap().told();
+    assert_eq!(told[0], "exposure 0.0000756 to 0.5 s in steps of 0.0000189 s");
+    assert_eq!(told[1..], ["gain 1 to 10.7", "no white balance control"]);
+    let told = Manual::take_over(&mut Fake::default(), &WISHES).unwrap().told();
+    assert_eq!(told[..2], ["exposure 0.04 s, which cannot be set", "no gain control"]);
+}
+
+#[test]
+fn listing_controls_changes_none() {
+    let webcam = Fake::webcam();
+    let lines = ["exposure 0.0001 to 10 s", "gain, codes 0 to 100, now 30", "white balance 2800 to 6500 K, now 4600"];
+    assert_eq!(listed(&webcam), lines);
+    assert_eq!(webcam.log, []);
+    let automatic = Fake { menu: vec![0, 3], ..Fake::webcam() };
+    assert_eq!(listed(&automatic)[0], "exposure 0.0001 to 10 s, automatic only");
+    let sensor = listed(&Fake::sensor());
+    assert_eq!(sensor, ["exposure 4 to 1759 lines, now 1600", "analogue gain, codes 0 to 232, now 0"]);
+    assert_eq!([0.0, 1234.5, 30.0, 29.97, 7.5].map(short), ["0", "1234", "30", "30", "7.5"]);
 }

@@ -6,7 +6,7 @@ use crate::camera::{CameraError, CameraLimits, Exposure};
 /// From one exposure of the search to the next, as a factor.
 const SEARCH_STEP: f64 = 4.0;
 /// Longest exposure of the search, seconds: longer ones take longer than they are worth.
-const LONGEST_S: f64 = 0.13;
+pub(super) const LONGEST_S: f64 = 0.13;
 /// Frames after which every camera has settled.
 const SETTLED: u32 = 9;
 /// Two pictures differ clearly when their means differ by this share of white.
