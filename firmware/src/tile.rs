@@ -235,7 +235,21 @@ impl<'a> TileSet<'a> {
             set.covered += usize::from(record.pixels);
         }
         set.check_blocks()?;
+        set.check_codes()?;
         Ok(set)
+    }
+
+    /// No code of U and V may be -128: sums are bounded by 127 (see [`crate::weights`]).
+    fn check_codes(&self) -> Result<(), FieldError> {
+        let beyond = |codes: &[u8]| codes.iter().fold(false, |any, &code| any | (code == i8::MIN as u8));
+        for block in 0..self.blocks() {
+            let mut covered = self.tiles_of(block).map(|index| self.tile(index)).filter(|tile| tile.pixels() > 0);
+            let Some(first) = covered.next() else { continue };
+            if beyond(first.v) || beyond(first.u) || covered.any(|tile| beyond(tile.u)) {
+                return Err(FieldError::Invalid("code of a tile (-128)"));
+            }
+        }
+        Ok(())
     }
 
     /// All covered tiles of a block must name the same V.

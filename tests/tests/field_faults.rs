@@ -132,6 +132,33 @@ fn a_well_sealed_lie_is_still_refused() {
     bake_in(&sound().folder, &["info", "same.field"]).well();
 }
 
+/// The field with byte `at` of layer number `index` changed, its checksums right again.
+fn with_lie(index: usize, at: usize, value: u8) -> Vec<u8> {
+    let mut lie = sound().bytes.clone();
+    let field = relume_firmware::field::Field::new(&sound().bytes).unwrap();
+    let layer = field.layers().nth(index).unwrap();
+    lie[layer.offset as usize + at] = value;
+    let entry = 160 + 32 * index;
+    let crc = crc32(&lie[layer.offset as usize..(layer.offset + layer.length) as usize]);
+    lie[entry + 24..entry + 28].copy_from_slice(&crc.to_le_bytes());
+    let table = crc32(&lie[160..160 + 32 * field.layers().count()]);
+    lie[152..156].copy_from_slice(&table.to_le_bytes());
+    let head = crc32(&lie[..156]);
+    lie[156..160].copy_from_slice(&head.to_le_bytes());
+    lie
+}
+
+#[test]
+fn codes_beyond_what_sums_are_bounded_by_are_refused() {
+    let field = relume_firmware::field::Field::new(&sound().bytes).unwrap();
+    for kind in [*b"RESU", *b"RESV"] {
+        let index = field.layers().position(|layer| layer.kind == kind).unwrap();
+        refused_by_programs("code.field", &with_lie(index, 0, 0x80), &["-128"]);
+        put(&sound().folder.join("code.field"), with_lie(index, 0, 0x81));
+        bake_in(&sound().folder, &["info", "code.field"]).well();
+    }
+}
+
 #[test]
 fn a_layer_that_lies_is_refused_whatever_it_says() {
     // Every record of the tile layer changed in turn, its checksums right again: refused or harmless, never a panic.
@@ -142,20 +169,11 @@ fn a_layer_that_lies_is_refused_whatever_it_says() {
     for (index, layer) in field.layers().enumerate() {
         for _ in 0..60 {
             random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            let mut lie = bytes.clone();
-            let at = (layer.offset + (random >> 33) % layer.length.max(1)) as usize;
-            if at >= bytes.len() {
+            let at = (random >> 33) % layer.length.max(1);
+            if (layer.offset + at) as usize >= bytes.len() {
                 continue;
             }
-            lie[at] = (random >> 20) as u8;
-            let entry = 160 + 32 * index;
-            let crc = crc32(&lie[layer.offset as usize..(layer.offset + layer.length) as usize]);
-            lie[entry + 24..entry + 28].copy_from_slice(&crc.to_le_bytes());
-            let table = crc32(&lie[160..160 + 32 * field.layers().count()]);
-            lie[152..156].copy_from_slice(&table.to_le_bytes());
-            let head = crc32(&lie[..156]);
-            lie[156..160].copy_from_slice(&head.to_le_bytes());
-            put(&path, &lie);
+            put(&path, with_lie(index, at as usize, (random >> 20) as u8));
             let Ok(file) = FieldFile::open(&path) else { continue };
             let mut relighter = relume::relight::Relighter::new(file.field(), 1);
             let sun = relume::weights::SunWeight { dir_world: [0.6, 0.8, 0.0], irradiance: [2.0; 3] };

@@ -13,7 +13,7 @@ relume demo --standing [--hours H] [--seed N] [--truth DIR] [--out DIR]
 relume demo --standing [--hours H] --export DIR
 
 Bakes the built-in scene, runs a day from dawn to dusk under a simulated sky camera, and writes pictures, plots and a
-summary into DIR (relume-demo if left out). Takes under two minutes on two cores.
+summary into DIR (relume-demo if left out). Takes about two minutes on two cores.
 
   --day        a small bake, then the sky camera's light against the true light from the sun 8 degrees below the horizon
                to 8 degrees below, under passing clouds: day.json and day.png
