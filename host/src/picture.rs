@@ -97,33 +97,34 @@ pub fn write_exr(
     Ok(())
 }
 
-/// Writes linear radiance as a 32-bit float EXR with channels R, G, B, and one standard deviation of each in sigma.R, sigma.G,
-/// sigma.B of the same layer, which viewers that know no further channels pass over.
+/// Channel that tells where radiance is the least it can be.
+pub const CLIPPED_CHANNEL: &str = "clipped";
+
+/// Writes what an exposure series tells in the camera's frame: linear radiance as 32-bit floats, the channel `clipped` (1 where the
+/// radiance is the least it can be, else 0), and one standard deviation per channel (`sigma.R`, `sigma.G`, `sigma.B`) where known.
 ///
 /// # Errors
-/// As [`write_exr`].
-pub fn write_exr_with_sigma(
+/// [`PictureError::Shape`] for a buffer of another size, [`PictureError::Out`] for the file.
+pub fn write_exr_measured(
     path: &Path,
-    width: usize,
-    height: usize,
+    (width, height): (usize, usize),
     rgb: &[[f32; 3]],
-    sigma: &[[f32; 3]],
+    clipped: impl ExactSizeIterator<Item = bool>,
+    sigma: Option<&[[f32; 3]]>,
 ) -> Result<(), PictureError> {
     use exr::prelude::{AnyChannel, AnyChannels, FlatSamples};
     check_shape(width, height, rgb.len())?;
-    check_shape(width, height, sigma.len())?;
-    let channel = |name: &str, pixels: &[[f32; 3]], k: usize| {
-        AnyChannel::new(name, FlatSamples::F32(pixels.iter().map(|pixel| pixel[k]).collect()))
-    };
-    let channels = [
-        ("R", rgb, 0),
-        ("G", rgb, 1),
-        ("B", rgb, 2),
-        ("sigma.R", sigma, 0),
-        ("sigma.G", sigma, 1),
-        ("sigma.B", sigma, 2),
-    ];
-    let channels = AnyChannels::sort(channels.map(|(name, pixels, k)| channel(name, pixels, k)).into_iter().collect());
+    check_shape(width, height, clipped.len())?;
+    let channel = |name: &str, values: Vec<f32>| AnyChannel::new(name, FlatSamples::F32(values));
+    let of = |pixels: &[[f32; 3]], k: usize| pixels.iter().map(|pixel| pixel[k]).collect();
+    let mut channels: Vec<_> = ["R", "G", "B"].iter().enumerate().map(|(k, name)| channel(name, of(rgb, k))).collect();
+    channels.push(channel(CLIPPED_CHANNEL, clipped.map(|clipped| f32::from(u8::from(clipped))).collect()));
+    if let Some(sigma) = sigma {
+        check_shape(width, height, sigma.len())?;
+        let names = ["sigma.R", "sigma.G", "sigma.B"].iter().enumerate();
+        channels.extend(names.map(|(k, name)| channel(name, of(sigma, k))));
+    }
+    let channels = AnyChannels::sort(channels.into_iter().collect());
     let image = Image::from_encoded_channels((width, height), Encoding::FAST_LOSSLESS, channels);
     let mut bytes = Cursor::new(Vec::new());
     let encoded = image.write().to_buffered(&mut bytes);

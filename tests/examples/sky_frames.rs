@@ -3,33 +3,16 @@
 //! Per sensor and series a folder with `frames.json`, PNGs, `truth.exr` (radiance on the sensor, full-well fractions per second),
 //! `curve_truth.csv` and `mask.png` (white where birds and clouds passed). `tests/opencv_sky.py` reads them.
 
-use relume::camera::Codes;
 use relume::map::RadianceMap;
-use relume::response::Response;
 use relume_tests::skycamera::{SENSORS, Series, exposures, ghosts, settings, take};
 use std::error::Error;
 use std::path::Path;
 
 fn write(folder: &Path, series: &Series) -> Result<(), Box<dyn Error>> {
-    std::fs::create_dir_all(folder)?;
-    let mut list = Vec::new();
-    for (number, frame) in series.frames.iter().enumerate() {
-        let (name, width, height) = (format!("{number:02}.png"), frame.width as u32, frame.height as u32);
-        let path = folder.join(&name);
-        match &frame.codes {
-            Codes::U8(codes) => image::save_buffer(path, codes, width, height, image::ColorType::Rgb8)?,
-            Codes::U16(codes) => {
-                let picture = image::ImageBuffer::<image::Rgb<u16>, _>::from_raw(width, height, codes.clone());
-                picture.ok_or("a frame's codes do not fill it")?.save(path)?;
-            }
-        }
-        list.push(serde_json::json!({"file": name, "time_s": frame.exposure.exposure_s, "gain": frame.exposure.gain}));
-    }
-    std::fs::write(folder.join("frames.json"), serde_json::to_string_pretty(&list)?)?;
+    series.save(folder)?;
     let (width, height) = (series.frames[0].width, series.frames[0].height);
     let pixels = series.truth[series.truth.len() / 2].clone();
     RadianceMap { width, height, pixels }.save(&folder.join("truth.exr"))?;
-    Response::from_rows(series.camera.response_rows(), "truth")?.save(&folder.join("curve_truth.csv"))?;
     let mask: Vec<u8> = series.ghost_mask.iter().map(|&touched| 255 * u8::from(touched)).collect();
     image::save_buffer(folder.join("mask.png"), &mask, width as u32, height as u32, image::ColorType::L8)?;
     Ok(())

@@ -21,7 +21,8 @@ relume sky response FRAMES_DIR [--black SHARE] [--plot P.png] -o CURVE.csv
 relume sky merge FRAMES_DIR [--response CURVE.csv] [--sensor ELECTRONS,READ] [--lens LENS.json [--probe PROBE.json]
                  (--sun AZ,ALT | --site LAT,LON) [--lat-long]] [--uncertainty] -o MAP.hdr|MAP.exr
   Merges the exposure series of FRAMES_DIR/frames.json into linear radiance, full-well fractions per second, in the camera's
-  own picture. Exposures that do not fit the others are corrected, samples that do not fit a pixel's others left out.
+  own picture; an .exr also tells where pixels are clipped in every frame (channel `clipped`), which `sky weights` needs to
+  find such a sun by a clear-sky model. Exposures that do not fit the others are corrected, samples that do not fit a pixel's others left out.
   --response CURVE.csv  the camera's response; linear if left out
   --sensor ELECTRONS,READ  electrons of a full well and of read noise; left out, found from the frames
   --lens LENS.json      lens and orientation

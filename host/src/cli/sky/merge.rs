@@ -2,14 +2,14 @@
 
 use super::SunOption;
 use super::response::read_all;
-use crate::bracket::{MergeReport, MergeSettings, Merged, Merger, SensorNoise};
+use crate::bracket::{MergeReport, MergeSettings, Merged, Merger, PixelState, SensorNoise};
 use crate::capture::{Capture, CaptureSettings, Captured};
 use crate::cli::args::{numbers, place, required};
 use crate::failure::{Failure, OrFail};
 use crate::lens::Lens;
 use crate::map::RadianceMap;
 use crate::outfile::check_writable;
-use crate::picture::write_exr_with_sigma;
+use crate::picture::write_exr_measured;
 use crate::probe::{Probe, Rebuilt};
 use crate::response::Response;
 use crate::skymodel::paint_disc;
@@ -51,10 +51,24 @@ pub(super) fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
         tell_sun(probe.rebuild(&mut merged, lens, towards).or_bad()?);
     }
     let (width, height) = (merged.width, merged.height);
-    match (&lens, sigma) {
-        (_, Some(sigma)) => Ok(write_exr_with_sigma(out, width, height, &merged.radiance, &sigma)?),
-        (Some(lens), None) if options.lat_long => lat_long(&merged, lens, options.sun)?.save(out).or_runtime(),
-        _ => RadianceMap { width, height, pixels: merged.radiance }.save(out).or_runtime(),
+    let clipped = merged.state.iter().map(|&state| state == PixelState::Clipped);
+    match &lens {
+        Some(lens) if options.lat_long => lat_long(&merged, lens, options.sun)?.save(out).or_runtime(),
+        _ if ending.as_deref() == Some("exr") => {
+            tell_clipped(clipped.clone().filter(|clipped| *clipped).count(), "the channel `clipped` tells where");
+            Ok(write_exr_measured(out, (width, height), &merged.radiance, clipped, sigma.as_deref())?)
+        }
+        _ => {
+            let way_out = "an .hdr cannot tell where: write an .exr, or give --probe, or the sun may be lost";
+            tell_clipped(clipped.filter(|clipped| *clipped).count(), way_out);
+            RadianceMap { width, height, pixels: merged.radiance }.save(out).or_runtime()
+        }
+    }
+}
+
+fn tell_clipped(pixels: usize, what: &str) {
+    if pixels > 0 {
+        eprintln!("{pixels} pixels are clipped in every frame, and at least as bright as written; {what}");
     }
 }
 

@@ -9,6 +9,7 @@ use crate::failure::{Failure, OrFail};
 use crate::lens::Lens;
 use crate::map::{RadianceMap, luminance};
 use crate::outfile::check_writable;
+use crate::picture::CLIPPED_CHANNEL;
 use crate::relight::FieldFile;
 use crate::sky_source::SunSource;
 use crate::weights::PatchWeights;
@@ -150,39 +151,50 @@ fn from_picture(
 fn read_picture(path: &Path) -> Result<Merged, Failure> {
     let told = |what: &str| Failure::bad(format!("{}: {what}", path.display()));
     let is_exr = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"));
-    let (width, height, radiance) = if is_exr { read_exr(path) } else { read_hdr(path) }.map_err(|e| told(&e))?;
+    let Measured { width, height, radiance, state } =
+        if is_exr { read_exr(path) } else { read_hdr(path) }.map_err(|e| told(&e))?;
     if radiance.iter().flatten().any(|v| !v.is_finite() || *v < 0.0) {
         return Err(told("a pixel is negative or not finite; radiance must be neither"));
     }
-    let state = vec![PixelState::Valid; radiance.len()];
     Ok(Merged { width, height, radiance, state, captured_at_s: 0.0 })
 }
 
-type Pixels = (usize, usize, Vec<[f32; 3]>);
-
-fn read_exr(path: &Path) -> Result<Pixels, String> {
-    use exr::prelude::*;
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .rgb_channels(
-            |size, _| (size.width(), vec![[0.0f32; 3]; size.area()]),
-            |(width, pixels), at, (r, g, b): (f32, f32, f32)| pixels[at.y() * *width + at.x()] = [r, g, b],
-        )
-        .first_valid_layer()
-        .all_attributes()
-        .from_file(path)
-        .map_err(|e| e.to_string())?;
-    let size = image.layer_data.size;
-    Ok((size.width(), size.height(), image.layer_data.channel_data.pixels.1))
+/// Pixels of a picture and what they are worth.
+struct Measured {
+    width: usize,
+    height: usize,
+    radiance: Vec<[f32; 3]>,
+    state: Vec<PixelState>,
 }
 
-fn read_hdr(path: &Path) -> Result<Pixels, String> {
+/// With the channel `clipped` of `relume sky merge`; without it every pixel counts as measured.
+fn read_exr(path: &Path) -> Result<Measured, String> {
+    use exr::prelude::*;
+    let blank = |size: Vec2<usize>, _: &_| Measured {
+        width: size.width(),
+        height: size.height(),
+        radiance: vec![[0.0; 3]; size.area()],
+        state: vec![PixelState::Valid; size.area()],
+    };
+    let set = |picture: &mut Measured, at: Vec2<usize>, (r, g, b, clipped): (f32, f32, f32, f32)| {
+        let index = at.y() * picture.width + at.x();
+        picture.radiance[index] = [r, g, b];
+        picture.state[index] = if clipped > 0.5 { PixelState::Clipped } else { PixelState::Valid };
+    };
+    let channels = read().no_deep_data().largest_resolution_level().specific_channels();
+    let channels = channels.required("R").required("G").required("B").optional(CLIPPED_CHANNEL, 0.0f32);
+    let image = channels.collect_pixels(blank, set).first_valid_layer().all_attributes().from_file(path);
+    Ok(image.map_err(|e| e.to_string())?.layer_data.channel_data.pixels)
+}
+
+fn read_hdr(path: &Path) -> Result<Measured, String> {
     let picture = image::ImageReader::open(path).map_err(|e| e.to_string())?;
     let picture = picture.with_guessed_format().map_err(|e| e.to_string())?.decode().map_err(|e| e.to_string())?;
     if !matches!(picture.color(), image::ColorType::Rgb32F) {
         return Err("is no Radiance picture (.hdr); give what `relume sky merge` wrote".into());
     }
     let picture = picture.into_rgb32f();
-    Ok((picture.width() as usize, picture.height() as usize, picture.pixels().map(|p| p.0).collect()))
+    let radiance: Vec<[f32; 3]> = picture.pixels().map(|p| p.0).collect();
+    let state = vec![PixelState::Valid; radiance.len()];
+    Ok(Measured { width: picture.width() as usize, height: picture.height() as usize, radiance, state })
 }
