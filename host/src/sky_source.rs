@@ -3,6 +3,7 @@
 pub mod background;
 pub mod calm;
 pub mod captured;
+pub mod device;
 #[cfg(feature = "board")]
 pub mod live;
 pub mod logged;

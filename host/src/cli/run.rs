@@ -84,7 +84,7 @@ fn arguments(parser: &mut lexopt::Parser) -> Result<Arguments, Failure> {
 }
 
 /// Ctrl-C and SIGTERM end the loop cleanly at the next frame; SIGUSR1 has a screenshot written.
-fn listen() -> Result<Signals, Failure> {
+pub(super) fn listen() -> Result<Signals, Failure> {
     let signals = Signals::default();
     let stop = &signals.stop;
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
