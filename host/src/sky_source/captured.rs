@@ -4,7 +4,7 @@
 
 use super::calm::{Calm, Due};
 use super::device::Device;
-use super::{SkyFault, SkyReading, SkySource, SunSource};
+use super::{SeriesTimes, SkyFault, SkyReading, SkySource, SunSource};
 use crate::bracket::{MergeSettings, Merged, Merger};
 use crate::camera::plausible::PictureFault;
 use crate::camera::series::Series;
@@ -183,11 +183,12 @@ impl CapturedSky {
             return Ok(false);
         }
         let exposures_stay = self.take(moment.unix_s)?;
-        let (taken, sun) = (self.taken(), self.sun(moment));
+        let sun = self.sun(moment);
         if !self.shows(sun)? {
             return Ok(false);
         }
         self.capture.weights_into(&self.merged, sun, &mut self.captured).map_err(failed)?;
+        let times = self.times();
         self.rest(moment.unix_s, exposures_stay)?;
         into.weights.radiance.clone_from(&self.captured.weights.radiance);
         into.weights.sun = self.captured.weights.sun;
@@ -200,7 +201,7 @@ impl CapturedSky {
             missing: self.expected.saturating_sub(self.series.frames().len()),
             is_calm: self.calm.is_calm(),
         });
-        into.taken = taken;
+        into.times = times;
         into.exposures.clear();
         Ok(true)
     }
@@ -213,10 +214,11 @@ impl CapturedSky {
         ATTEMPTS
     }
 
-    /// When the last frame was taken, by a real camera.
-    fn taken(&self) -> Option<Instant> {
+    /// When a real camera took the series, whose weights are ready now.
+    fn times(&self) -> Option<SeriesTimes> {
         let live = matches!(self.device, Device::Live(_));
-        self.series.frames().iter().filter(|_| live).filter_map(Frame::taken).max()
+        let taken = || self.series.frames().iter().filter(|_| live).filter_map(Frame::taken);
+        Some(SeriesTimes { first: taken().min()?, last: taken().max()?, ready: Instant::now() })
     }
 
     /// Whether the newest series shows the sky. A black one by day does not: exposures still climb, and nothing is new.
