@@ -43,6 +43,7 @@ mod rivals;
 mod sample;
 mod skies;
 mod skipping;
+mod skycamera;
 mod stage;
 mod study;
 mod sums;

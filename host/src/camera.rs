@@ -6,6 +6,7 @@
 pub mod demosaic;
 pub mod fault;
 pub mod plausible;
+pub mod recording;
 pub mod reopen;
 pub mod replay;
 pub mod series;

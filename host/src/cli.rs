@@ -20,7 +20,8 @@ relume: a vanished building, lit by the sky that is over its site now
   relume demo [--out DIR]           bake the built-in scene and run a day; pictures and a report
   relume run POST.toml              the post: capture, relight, composite, show
   relume relight FIELD ...          one picture of a field under one sky
-  relume sky merge|weights|lens|colour   frames -> radiance map -> weights; calibration
+  relume sky capture|response|lens|colour   frames of the sky camera; its calibration
+  relume sky merge|weights          frames -> radiance map -> weights
   relume bench FIELD ...            time against error on this machine
   relume check POST.toml            what is wrong with a post, before it opens
   relume devices                    cameras and displays of this machine (feature `board`)

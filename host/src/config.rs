@@ -41,6 +41,7 @@ pub const KEYS: &[&str] = &[
     "camera.frames",
     "camera.lens",
     "camera.response",
+    "camera.colour",
     "camera.radiance_scale",
     "camera.light_log",
     "camera.device",
@@ -181,11 +182,24 @@ impl Config {
     /// # Errors
     /// [`ConfigError`] naming file, key, value and what would be right.
     pub fn load(file: &Path) -> Result<Self, ConfigError> {
+        Self::read(file, sky::NEEDED)
+    }
+
+    /// The same for a post whose sky camera is yet to be calibrated: its lens may be left out.
+    ///
+    /// # Errors
+    /// As [`Config::load`].
+    pub fn load_uncalibrated(file: &Path) -> Result<Self, ConfigError> {
+        let needed: Vec<_> = sky::NEEDED.iter().filter(|(_, key, _)| *key != sky::LENS).copied().collect();
+        Self::read(file, &needed)
+    }
+
+    fn read(file: &Path, needed: &[sky::Needed]) -> Result<Self, ConfigError> {
         let r = Reader::open(file, KEYS)?;
         let missing = |key: &str, what: &str| r.fault(format!("{key} is missing: {what}"));
         let (display, site) = (display::display(&r)?, site(&r)?);
         let field = r.path("field")?.ok_or_else(|| missing("field", "name the field file to show"))?;
-        let (sky, camera) = sky::sky(&r, site)?;
+        let (sky, camera) = sky::sky(&r, site, needed)?;
         view::check(&r)?;
         Ok(Config {
             file: file.to_path_buf(),

@@ -8,6 +8,7 @@ pub mod pack;
 
 use crate::damage::Damage;
 use std::path::PathBuf;
+use std::time::Instant;
 
 /// One picture for a display: pixels `0x00RRGGBB` (sRGB), row 0 at the top.
 #[derive(Clone, Copy, Debug)]
@@ -71,6 +72,12 @@ pub trait Display {
     /// # Errors
     /// [`DisplayError`]; the post may go on and try again with the next frame.
     fn present(&mut self, frame: &Frame<'_>) -> Result<(), DisplayError>;
+
+    /// When a frame that was presented, or a later one, was first seen; `None` while that is not known. Asked once a frame,
+    /// and never waits. A display that shows what it is given at once needs no more than this.
+    fn when_shown(&mut self, _number: u64) -> Option<Instant> {
+        Some(Instant::now())
+    }
 
     /// What keeps pictures from being seen now (nothing plugged in, card gone), in a few words; `None` if nothing does.
     fn trouble(&self) -> Option<&str> {

@@ -1,6 +1,7 @@
 //! The post's state, for people far away: one small JSON file that is always whole.
 
 use crate::outfile::{OutError, write_whole};
+use crate::post::LatencyParts;
 use crate::relight::FrameCounters;
 use crate::sky_source::{SeriesReport, SunSource};
 use crate::view::gain::ViewGain;
@@ -59,7 +60,7 @@ pub struct ViewHealth {
     pub faults: u64,
     /// The newest fault, in one line.
     pub last_fault: Option<String>,
-    /// From the camera's taking of the newest picture to its presentation, ms; `None` where that is not known.
+    /// From the camera's taking of the newest picture to its being shown, ms; `None` where that is not known.
     pub latency_ms: Option<f64>,
     /// The worst of these since the start, ms.
     pub latency_worst_ms: Option<f64>,
@@ -107,10 +108,16 @@ pub struct Health {
     pub view: Option<ViewHealth>,
     /// What keeps pictures from being seen, if anything does.
     pub display: Option<String>,
-    /// From the last picture of the sky that the newest light rests on to its presentation, ms; `None` without a camera.
+    /// From the last picture of the sky that the newest light rests on to its being shown, ms; `None` without a camera.
     pub latency_ms: Option<f64>,
     /// The worst of these since the start, ms.
     pub latency_worst_ms: Option<f64>,
+    /// How many there were.
+    pub latency_count: u64,
+    /// Where that time went, and the series' own before it.
+    pub latency_parts: Option<LatencyParts>,
+    /// The same, mean since the start.
+    pub latency_mean_parts: Option<LatencyParts>,
     /// What the newest frame did, what it was spared, and the bound on its error.
     pub frame: FrameCounters,
     /// Something that is not a fault but should be known, such as a sun outside the field's band.

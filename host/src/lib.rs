@@ -19,6 +19,7 @@ pub mod jsonfile;
 pub mod labels;
 pub mod lens;
 pub mod lightlog;
+pub mod lightmeter;
 pub mod linear_system;
 pub mod newest;
 pub mod obstacles;

@@ -22,6 +22,7 @@ use crate::watchdog::Watchdog;
 use crate::weights::PatchWeights;
 use behind::Behind;
 use latency::Latency;
+pub use latency::LatencyParts;
 use relume_firmware::field::CameraRecord;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -91,7 +92,7 @@ pub struct Post<'p> {
     view_gain: Option<ViewGain>,
     /// Do the weights wait to be relit?
     is_new: bool,
-    /// From the last picture of a sky that was relit to its presentation.
+    /// From the last picture of a sky that was relit to its being shown.
     latency: Latency,
     behind: Option<Behind<'p>>,
     light_log: Option<LightLog>,
@@ -256,15 +257,28 @@ impl<'p> Post<'p> {
         self.label(moment)?;
         self.frames_changed += u64::from(!self.damage.is_empty());
         let frame = Frame { width, height, pixels_bgrx: &self.shown, number: self.frames, damage: &self.damage };
+        let handed_over = Instant::now();
         self.parts.display.present(&frame)?;
-        if let (true, Some(taken)) = (is_new, self.held.taken) {
-            self.latency.note(taken.elapsed());
+        // A display that waited for the frame before knows only now when that was shown.
+        self.ask_when_shown();
+        if let (true, Some(times)) = (is_new, self.held.times) {
+            self.latency.queue_series(self.frames, times, handed_over);
         }
         if let Some(behind) = &mut self.behind {
-            behind.presented(self.counters.tiles_drawn);
+            behind.queue(self.frames, self.counters.tiles_drawn, handed_over);
         }
+        self.ask_when_shown();
         self.frames += 1;
         Ok(())
+    }
+
+    /// Asks the display when what was on its way was shown.
+    fn ask_when_shown(&mut self) {
+        let display = &mut self.parts.display;
+        self.latency.ask(|frame| display.when_shown(frame));
+        if let Some(behind) = &mut self.behind {
+            behind.latency.ask(|frame| display.when_shown(frame));
+        }
     }
 
     /// What was drawn, to the picture shown.
@@ -367,6 +381,9 @@ impl<'p> Post<'p> {
             display: self.parts.display.trouble().map(String::from),
             latency_ms: self.latency.newest_ms,
             latency_worst_ms: self.latency.worst_ms,
+            latency_count: self.latency.count,
+            latency_parts: self.latency.parts,
+            latency_mean_parts: self.latency.mean_parts,
             frame: self.counters,
             note: self.notes(),
         }

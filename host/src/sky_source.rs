@@ -3,6 +3,7 @@
 pub mod background;
 pub mod calm;
 pub mod captured;
+pub mod device;
 #[cfg(feature = "board")]
 pub mod live;
 pub mod logged;
@@ -46,6 +47,17 @@ pub struct SeriesReport {
     pub is_calm: bool,
 }
 
+/// The moments of a series, on the way from light to weights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeriesTimes {
+    /// When its first picture was taken.
+    pub first: Instant,
+    /// When its last picture was taken.
+    pub last: Instant,
+    /// When the weights were made of it.
+    pub ready: Instant,
+}
+
 /// The light of one moment.
 #[derive(Clone, Debug, Default)]
 pub struct SkyReading {
@@ -61,8 +73,8 @@ pub struct SkyReading {
     pub series: Option<SeriesReport>,
     /// Exposures that the light was relit with when it was logged, in order; empty for light that was not.
     pub exposures: Vec<f32>,
-    /// When a camera took the last picture that they rest on.
-    pub taken: Option<Instant>,
+    /// When a real camera took the pictures that they rest on.
+    pub times: Option<SeriesTimes>,
 }
 
 /// Why there are no new weights now.

@@ -298,6 +298,10 @@ fn disks_that_fill_up() {
         &["o.exr", "full"],
     );
     left("an EXR");
+    put(&folder.join("camera.toml"), post("").replace("simulated", "synthetic"));
+    let args = ["sky", "capture", "camera.toml", "--series", "3", "-o", &out("frames")];
+    relume_refused(&folder, &args, 1, &["00000.png", "full"]);
+    left("a recording");
     write_exr(&folder.join("sky.exr"), (64, 32), |x, y| [x as f32, y as f32, 1.0]);
     let filler = small.0.join("filler");
     put(&filler, [0u8; 8192]);

@@ -1,17 +1,20 @@
 //! What the loop of a post costs at its own pace under a still sky: relight, composite, labels, and the copy to the memory of a
-//! display; over a still, and over a live view with all of it but the camera.
+//! display; over a still, and over a live view with all of it but the camera. Beside it what the sky camera costs, and how long light
+//! takes to the display's memory.
 
 use super::clock::cpu_s;
+use super::skycamera::{self, SkyCost};
 use crate::camera::{Camera, CameraError, CameraLimits, Exposure, Frame};
 use crate::clock::{Moment, PostClock};
 use crate::config::{ClockConfig, Config};
 use crate::display::pack::{PixelFormat, Placement, Rotation};
 use crate::display::{self, Display, DisplayError};
 use crate::health::WELL;
-use crate::painter::field::FieldPainter;
-use crate::post::{Parts, Post, Signals};
+use crate::painter::field::{FieldPainter, SUN_STEP_DEG};
+use crate::post::{LatencyParts, Parts, Post, PostReport, Signals};
 use crate::relight::FieldFile;
 use crate::response::Response;
+use crate::sky_source::background::Background;
 use crate::sky_source::{SkyFault, SkyReading, SkySource};
 use crate::view::Still;
 use crate::view::curve::ViewCurve;
@@ -29,8 +32,9 @@ const PACE: f64 = 30.0;
 /// Frames before the measured ones, and those.
 const WARM_UP: u64 = 30;
 const FRAMES: u64 = 150;
-/// How long the first frame waits for a picture.
+/// How long the first frame waits for a picture, and for light, whose pictures are rendered first.
 const FIRST_PICTURE: Duration = Duration::from_secs(3);
+const FIRST_LIGHT: Duration = Duration::from_secs(60);
 
 /// The loop's cost, all threads of the program together.
 #[derive(Clone, Debug, Serialize)]
@@ -49,6 +53,21 @@ pub struct LoopReport {
     pub live_view_by_curve: LoopCost,
     /// The same as they are, with pictures half as wide and half as high, which are scaled.
     pub live_view_scaled: LoopCost,
+    /// The sky camera alone while the sky is calm.
+    pub calm_sky: SkyCost,
+    /// From light to pixel while the sky changes, over a still.
+    pub light_to_pixel: LightToPixel,
+}
+
+/// Where the time goes from a picture of the sky to the memory of a display.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LightToPixel {
+    /// Series whose light was shown.
+    pub shown: u64,
+    /// Mean of the parts. A display's own refresh comes on top.
+    pub mean: LatencyParts,
+    /// The worst from the last picture of a series to its light in the display's memory, milliseconds.
+    pub worst_ms: f64,
 }
 
 /// One case.
@@ -86,27 +105,15 @@ pub fn run(field: &Path) -> anyhow::Result<LoopReport> {
         live_view: cost(file, Some(live(1, None)?))?,
         live_view_by_curve: cost(file, Some(live(1, Some(linear))?))?,
         live_view_scaled: cost(file, Some(live(2, None)?))?,
+        calm_sky: skycamera::calm(file)?,
+        light_to_pixel: light_to_pixel(file)?,
     })
 }
 
 fn cost(file: &'static FieldFile, view: Option<Box<dyn ViewSource>>) -> anyhow::Result<LoopCost> {
-    let (field, folder) = (file.field(), tempfile::tempdir()?);
-    let size = (field.width(), field.height());
-    let mut painter = FieldPainter::new(field, Still::black(size.0, size.1), 0);
-    if view.is_some() {
-        painter.expect_live_view();
-    }
-    let config = config(folder.path())?;
     let times = RefCell::new(Vec::with_capacity((WARM_UP + FRAMES) as usize));
-    let parts = Parts {
-        sky: Box::new(Even { patches: field.patch_set().len(), told: false }),
-        view,
-        painter: Box::new(painter),
-        display: Box::new(Memory::new(size, &times)?),
-        clock: PostClock::start(ClockConfig::System { interval_s: 1.0 / PACE }, None),
-    };
-    let report = Post::new(&config, parts).run(&Signals::default()).map_err(|failure| anyhow::anyhow!("{failure}"))?;
-    anyhow::ensure!(report.health.state == WELL, "the post is not well: {}", report.health.state);
+    let sky = Box::new(Even { patches: file.field().patch_set().len(), told: false });
+    let report = post(file, sky, view, &times)?;
     let times = times.borrow();
     let (from, to) = times.get(WARM_UP as usize).zip(times.last()).context("the post ended early")?;
     let cpu_s = to.1 - from.1;
@@ -115,6 +122,45 @@ fn cost(file: &'static FieldFile, view: Option<Box<dyn ViewSource>>) -> anyhow::
         share_of_core: cpu_s / to.0.duration_since(from.0).as_secs_f64(),
         frames_composited: report.health.view.map(|view| view.frames_composited),
     })
+}
+
+/// A post under a camera's sky that changes all the time.
+fn light_to_pixel(file: &'static FieldFile) -> anyhow::Result<LightToPixel> {
+    let clock = PostClock::start(ClockConfig::System { interval_s: 1.0 / PACE }, None);
+    let (sky, _) = skycamera::sky(file, &[1.0, 0.8])?;
+    let mut sky = Background::start(Box::new(sky), clock, Duration::ZERO)?;
+    sky.wait(FIRST_LIGHT, &AtomicBool::new(false));
+    let health = post(file, Box::new(sky), None, &RefCell::new(Vec::new()))?.health;
+    let (mean, worst_ms) = health.latency_mean_parts.zip(health.latency_worst_ms).context("no light was shown")?;
+    Ok(LightToPixel { shown: health.latency_count, mean, worst_ms })
+}
+
+/// Runs a post to its end.
+fn post(
+    file: &'static FieldFile,
+    sky: Box<dyn SkySource + '_>,
+    view: Option<Box<dyn ViewSource>>,
+    times: &RefCell<Vec<(Instant, f64)>>,
+) -> anyhow::Result<PostReport> {
+    let (field, folder) = (file.field(), tempfile::tempdir()?);
+    let size = (field.width(), field.height());
+    let mut painter = FieldPainter::new(field, Still::black(size.0, size.1), 0);
+    if view.is_some() {
+        painter.expect_live_view();
+    }
+    // As in a post that lives by the system's clock: sunlight is traced beside the loop.
+    painter.trace_behind(SUN_STEP_DEG)?;
+    let config = config(folder.path())?;
+    let parts = Parts {
+        sky,
+        view,
+        painter: Box::new(painter),
+        display: Box::new(Memory::new(size, times)?),
+        clock: PostClock::start(ClockConfig::System { interval_s: 1.0 / PACE }, None),
+    };
+    let report = Post::new(&config, parts).run(&Signals::default()).map_err(|failure| anyhow::anyhow!("{failure}"))?;
+    anyhow::ensure!(report.health.state == WELL, "the post is not well: {}", report.health.state);
+    Ok(report)
 }
 
 /// A post with words over the picture, which ends by itself.
@@ -218,6 +264,13 @@ impl std::fmt::Display for LoopReport {
                 None => writeln!(f)?,
             }
         }
-        Ok(())
+        writeln!(f, "{}", self.calm_sky)?;
+        let LightToPixel { shown, mean, worst_ms } = self.light_to_pixel;
+        writeln!(
+            f,
+            "light to pixel, mean of {shown}: series {:.0} ms; then weights {:.1}, relight {:.1}, display {:.1} ms; worst \
+             {worst_ms:.1} ms after the series",
+            mean.bracket_ms, mean.weights_ms, mean.relight_ms, mean.display_ms
+        )
     }
 }

@@ -60,6 +60,17 @@ pub(super) fn number(
     if range.contains(&value) { Ok(value) } else { Err(wrong()) }
 }
 
+/// A span of time such as 90s, 5m, 8h or 2d, seconds.
+pub(super) fn span_s(parser: &mut lexopt::Parser, flag: &str) -> Result<f64, Failure> {
+    const UNITS: [(char, f64); 4] = [('s', 1.0), ('m', 60.0), ('h', 3600.0), ('d', 86_400.0)];
+    let text = parser.value()?.to_string_lossy().into_owned();
+    let parts = UNITS.iter().find_map(|(unit, seconds)| Some((text.strip_suffix(*unit)?, seconds)));
+    let value = parts.and_then(|(number, seconds)| Some(number.trim().parse::<f64>().ok()? * seconds));
+    value
+        .filter(|span_s| (1.0..=1e8).contains(span_s))
+        .ok_or_else(|| Failure::bad(format!("{flag} {text}: must be a span of time such as 90s, 5m, 8h or 2d")))
+}
+
 /// `N` finite numbers with commas between them.
 pub(super) fn numbers<const N: usize>(
     parser: &mut lexopt::Parser,

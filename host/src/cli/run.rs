@@ -51,8 +51,6 @@ to screenshot.png beside it, and a live view to view.png.
 const MODEL_PACE: Duration = Duration::from_secs(1);
 /// How long the first picture waits for the first light.
 const FIRST_LIGHT: Duration = Duration::from_secs(3);
-/// How far the sun may move before its light is traced anew, degrees: twelve seconds' way, a tenth of its width.
-const SUN_STEP_DEG: f64 = 0.05;
 
 fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     let Arguments { file, json, setup } = arguments(&mut parser)?;
@@ -84,7 +82,7 @@ fn arguments(parser: &mut lexopt::Parser) -> Result<Arguments, Failure> {
 }
 
 /// Ctrl-C and SIGTERM end the loop cleanly at the next frame; SIGUSR1 has a screenshot written.
-fn listen() -> Result<Signals, Failure> {
+pub(super) fn listen() -> Result<Signals, Failure> {
     let signals = Signals::default();
     let stop = &signals.stop;
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
@@ -109,7 +107,7 @@ fn run(config: &Config, setup: bool, signals: &Signals) -> Result<PostReport, Fa
         painter.expect_live_view();
     }
     if matches!(config.clock, ClockConfig::System { .. }) {
-        painter.trace_behind(SUN_STEP_DEG).or_runtime()?;
+        painter.trace_behind(crate::painter::field::SUN_STEP_DEG).or_runtime()?;
     }
     let clock = PostClock::start(config.clock, made);
     let parts = Parts {

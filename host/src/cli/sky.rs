@@ -1,5 +1,6 @@
-//! `relume sky`: from a camera's frames to a radiance map to weights.
+//! `relume sky`: frames of a post's camera, and from a camera's frames to a radiance map to weights.
 
+mod capture;
 mod colour;
 mod lens;
 mod merge;
@@ -13,6 +14,16 @@ use crate::sun::{Place, SunPosition, sun_position};
 pub(super) const COMMAND: Command = Command {
     name: "sky",
     help: "\
+relume sky capture POST.toml (--series N [--step-stops STOPS] | --sun [--every SPAN] [--for SPAN]) [--resume] -o FRAMES_DIR
+  Takes frames with the sky camera of a post, as it is or not calibrated yet, and writes them with the exposures read back
+  and the times to FRAMES_DIR/frames.json. Ctrl-C ends it; what was taken stays.
+  --series N            N exposures over the light that is there, for `sky response`, `sky merge` and charts
+  --step-stops STOPS    from one to the next; default 1
+  --sun                 at intervals, by day, the shortest exposure and one that shows the sky, for `sky lens`
+  --every SPAN          the interval: 90s, 5m (default), 1h
+  --for SPAN            ends after that; default: when it is told to
+  --resume              goes on with a recording that is there
+
 relume sky response FRAMES_DIR [--black SHARE] [--plot P.png] -o CURVE.csv
   Finds the camera's response from the exposure series of FRAMES_DIR/frames.json, best ten or more frames one stop apart.
   --black SHARE         black level, share of the largest code; left out, from pixels that stay dark
@@ -68,9 +79,10 @@ relume sky colour CHART_FRAME.png (--chart PATCHES.csv | --corners X,Y,X,Y,X,Y,X
 };
 
 fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
-    let tasks = "response, merge, weights, lens or colour";
+    let tasks = "capture, response, merge, weights, lens or colour";
     let task = parser.value().map_err(|_| Failure::bad(format!("sky: name a task: {tasks}")))?;
     match task.to_string_lossy().as_ref() {
+        "capture" => capture::act(parser),
         "merge" => merge::act(parser),
         "response" => response::act(parser),
         "weights" => weights::act(parser),

@@ -92,17 +92,19 @@ const KEYS_OF: [(&str, SkyKind); 8] = [
     ("camera.white_balance_k", SkyKind::Camera),
     ("camera.max_gain", SkyKind::Camera),
 ];
-/// Keys that a sky cannot do without, and what to write.
-const NEEDED: [(SkyKind, &str, &str); 5] = [
+/// A sky, a key that it cannot do without, and what to write.
+pub(super) type Needed = (SkyKind, &'static str, &'static str);
+pub(super) const LENS: &str = "camera.lens";
+pub(super) const NEEDED: &[Needed] = &[
     (SkyKind::Replay, "camera.frames", "name the folder that holds frames.json"),
-    (SkyKind::Replay, "camera.lens", "name the file of the lens that took the frames"),
+    (SkyKind::Replay, LENS, "name the file of the lens that took the frames"),
     (SkyKind::Logged, "camera.light_log", "name the file that run.light_log wrote"),
     (SkyKind::Camera, "camera.device", "name the camera's node; `relume devices` lists them"),
-    (SkyKind::Camera, "camera.lens", "name the file of the camera's lens"),
+    (SkyKind::Camera, LENS, "name the file of the camera's lens"),
 ];
 
-/// Reads `sky` and `[camera]`.
-pub(super) fn sky(r: &Reader, site: Option<Site>) -> Result<(SkyKind, CameraConfig), ConfigError> {
+/// Reads `sky` and `[camera]`, of which the keys of `needed` must be there.
+pub(super) fn sky(r: &Reader, site: Option<Site>, needed: &[Needed]) -> Result<(SkyKind, CameraConfig), ConfigError> {
     let names: Vec<String> = SkyKind::NAMES.iter().map(|(name, _)| format!("\"{name}\"")).collect();
     let missing = || r.fault(format!("sky is missing: write sky = one of {}", names.join(", ")));
     let sky = r.choice("sky", &SkyKind::NAMES)?.ok_or_else(missing)?;
@@ -120,10 +122,10 @@ pub(super) fn sky(r: &Reader, site: Option<Site>) -> Result<(SkyKind, CameraConf
         white_balance_k: r.whole("camera.white_balance_k", 1000..=20_000)?.unwrap_or(WHITE_K) as u32,
         max_gain: r.number("camera.max_gain", 1.0..=1000.0)?,
     };
-    check(r, sky, site).map(|()| (sky, camera))
+    check(r, sky, site, needed).map(|()| (sky, camera))
 }
 
-fn check(r: &Reader, sky: SkyKind, site: Option<Site>) -> Result<(), ConfigError> {
+fn check(r: &Reader, sky: SkyKind, site: Option<Site>, needed: &[Needed]) -> Result<(), ConfigError> {
     let name = sky.name();
     if sky.needs_place() && site.is_none() {
         return Err(
@@ -139,7 +141,7 @@ fn check(r: &Reader, sky: SkyKind, site: Option<Site>) -> Result<(), ConfigError
             r.fault(format!("{key} is only used with sky = \"{of}\", not with sky = \"{name}\"; remove one of them"))
         );
     }
-    match NEEDED.iter().find(|(of, key, _)| *of == sky && !r.has(key)) {
+    match needed.iter().find(|(of, key, _)| *of == sky && !r.has(key)) {
         Some((_, key, what)) => Err(r.fault(format!("{key} is missing: sky = \"{name}\" needs it; {what}"))),
         None => Ok(()),
     }

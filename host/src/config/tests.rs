@@ -177,3 +177,17 @@ fn the_documented_example_parses_and_shows_every_key() {
         assert!(shown.iter().any(|s| s == key), "{key} is not documented in POST.toml");
     }
 }
+
+#[test]
+fn the_documented_colour_file_is_known_and_a_lens_may_be_yet_to_come() {
+    let camera = LEAST.replace("simulated", "camera") + "[camera]\ndevice = '/dev/video0'\ncolour = 'camera.json'\n";
+    refused(&camera, &["camera.lens is missing"]);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("POST.toml");
+    std::fs::write(&file, &camera).unwrap();
+    let config = Config::load_uncalibrated(&file).unwrap();
+    assert!(config.camera.lens.is_none() && config.camera.colour.unwrap().ends_with("camera.json"));
+    std::fs::write(&file, camera.replace("device = '/dev/video0'\n", "")).unwrap();
+    let error = Config::load_uncalibrated(&file).unwrap_err().to_string();
+    assert!(error.contains("camera.device is missing"), "{error}");
+}

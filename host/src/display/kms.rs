@@ -177,6 +177,11 @@ impl Display for Kms {
         Ok(())
     }
 
+    fn when_shown(&mut self, number: u64) -> Option<Instant> {
+        // A screen that is lost is told of with the next picture.
+        self.screen.as_mut()?.when_shown(number).ok().flatten()
+    }
+
     fn trouble(&self) -> Option<&str> {
         self.trouble.as_ref().map(|(_, words)| words.as_str())
     }

@@ -18,6 +18,9 @@ use relume_firmware::patches::PatchSet;
 use relume_firmware::receivers::Receivers;
 use relume_firmware::weights::WeightError;
 
+/// How far the sun may move in a post before its light is traced anew, degrees: twelve seconds' way, a tenth of its width.
+pub const SUN_STEP_DEG: f64 = 0.05;
+
 /// Tiles that the running exposure looks at: enough for a hundredth of its steps.
 const EXPOSURE_TILES: usize = 128;
 

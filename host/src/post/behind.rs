@@ -4,6 +4,7 @@ use super::Post;
 use super::latency::Latency;
 use crate::health::{ViewHealth, ViewState};
 use crate::view::live::{ViewPicture, ViewSource};
+use std::time::Instant;
 
 /// A live view.
 pub(super) struct Behind<'p> {
@@ -17,7 +18,7 @@ pub(super) struct Behind<'p> {
     frames_composited: u64,
     faults: u64,
     last_fault: Option<String>,
-    latency: Latency,
+    pub(super) latency: Latency,
 }
 
 impl<'p> Behind<'p> {
@@ -49,14 +50,14 @@ impl<'p> Behind<'p> {
         self.state
     }
 
-    /// A frame was presented that drew so many tiles.
-    pub(super) fn presented(&mut self, tiles_drawn: usize) {
+    /// A frame that drew so many tiles was handed to the display at this time.
+    pub(super) fn queue(&mut self, frame: u64, tiles_drawn: usize, at: Instant) {
         if !std::mem::take(&mut self.is_new) {
             return;
         }
         self.frames_composited += u64::from(tiles_drawn == 0);
         if let Some(taken) = self.picture.taken {
-            self.latency.note(taken.elapsed());
+            self.latency.queue(frame, taken, at);
         }
     }
 

@@ -41,7 +41,7 @@ impl Post<'_> {
         if let Some(share) = fading.step(&self.held.weights, since, moment, &mut self.next.weights) {
             std::mem::swap(&mut self.held.weights, &mut self.next.weights);
             self.held.sun = if self.held.weights.sun.is_some() { SunSource::Model } else { SunSource::None };
-            (self.held.sun_share, self.held.taken) = (None, None);
+            (self.held.sun_share, self.held.times) = (None, None);
             self.held.exposures.clear();
             self.weights = if share < 1.0 { WeightsState::Fading } else { WeightsState::Modelled };
             self.is_new = true;

@@ -2,7 +2,7 @@ use super::*;
 use crate::camera::CameraError;
 use crate::config::ClockConfig;
 use crate::display::DisplayError;
-use crate::sky_source::SkyFault;
+use crate::sky_source::{SeriesTimes, SkyFault};
 use crate::view::live::ViewPicture;
 use relume_firmware::patches::PatchSet;
 use std::cell::RefCell;
@@ -75,6 +75,59 @@ impl SkySource for Script {
 
 struct Seen(Rc<RefCell<Vec<u32>>>, bool);
 
+/// Shows each picture with the next one, like a screen that flips.
+struct Flipping {
+    presented: Option<u64>,
+    flipped: Option<(u64, Instant)>,
+}
+
+impl Display for Flipping {
+    fn size(&self) -> (usize, usize) {
+        (1, 1)
+    }
+    fn present(&mut self, frame: &Frame<'_>) -> Result<(), DisplayError> {
+        std::thread::sleep(Duration::from_millis(20));
+        self.flipped = self.presented.replace(frame.number).map(|shown| (shown, Instant::now()));
+        Ok(())
+    }
+    fn when_shown(&mut self, number: u64) -> Option<Instant> {
+        self.flipped.filter(|(shown, _)| *shown >= number).map(|(_, at)| at)
+    }
+}
+
+/// Light that a camera took over 40 ms, of which the weights were ready 30 ms later.
+struct Measured;
+
+impl SkySource for Measured {
+    fn read(&mut self, _moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault> {
+        let ready = Instant::now();
+        let ago = |ms: u64| ready.checked_sub(Duration::from_millis(ms)).unwrap();
+        let times = SeriesTimes { first: ago(70), last: ago(30), ready };
+        let weights = PatchWeights { radiance: vec![[0.5; 3]; 17], sun: None };
+        *into = SkyReading { weights, times: Some(times), ..SkyReading::default() };
+        Ok(true)
+    }
+}
+
+#[test]
+fn light_is_on_its_way_until_the_display_says_that_it_is_shown() {
+    let (_folder, config) = post_file("[run]\nframes = 6\n");
+    let parts = Parts {
+        sky: Box::new(Measured),
+        view: None,
+        painter: Box::new(Pixel { pixels: vec![0], brightness: 0.0, drawn: 0, relit: 0, view: vec![0] }),
+        display: Box::new(Flipping { presented: None, flipped: None }),
+        clock: PostClock::start(ClockConfig::Simulated { start_unix_s: START, step_s: 60.0, speed: None }, None),
+    };
+    let health = Post::new(&config, parts).run(&Signals::default()).unwrap().health;
+    let (parts, mean) = (health.latency_parts.unwrap(), health.latency_mean_parts.unwrap());
+    assert!((parts.bracket_ms - 40.0).abs() < 0.01 && (parts.weights_ms - 30.0).abs() < 0.01, "{parts:?}");
+    // The picture's own presentation and that of the next, which shows it, take 20 ms each.
+    assert!(parts.display_ms >= 39.0 && mean.display_ms >= 39.0, "{parts:?} {mean:?}");
+    let sum = parts.weights_ms + parts.relight_ms + parts.display_ms;
+    assert!((health.latency_ms.unwrap() - sum).abs() < 0.01 && health.latency_worst_ms >= health.latency_ms);
+}
+
 impl Display for Seen {
     fn size(&self) -> (usize, usize) {
         (1, 1)
@@ -102,6 +155,17 @@ impl ViewSource for Behind {
     }
 }
 
+fn post_file(extra: &str) -> (tempfile::TempDir, Config) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("POST.toml");
+    let text = format!(
+        "field = 'a'\nsky = 'replay'\n[camera]\nframes = 'f'\nlens = 'l'\n[display]\nkind = 'headless'\nfolder = '.'\n{extra}"
+    );
+    std::fs::write(&file, text).unwrap();
+    let config = Config::load(&file).unwrap();
+    (folder, config)
+}
+
 fn run(extra: &str, script: &[Option<f32>], broken: bool) -> (Result<PostReport, Failure>, Vec<u32>, String) {
     run_with(extra, script, None, broken, |_| {})
 }
@@ -122,13 +186,7 @@ fn run_with(
     broken: bool,
     prepare: impl FnOnce(&mut Post<'_>),
 ) -> (Result<PostReport, Failure>, Vec<u32>, String) {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("POST.toml");
-    let text = format!(
-        "field = 'a'\nsky = 'replay'\n[camera]\nframes = 'f'\nlens = 'l'\n[display]\nkind = 'headless'\nfolder = '.'\n{extra}"
-    );
-    std::fs::write(&file, text).unwrap();
-    let config = Config::load(&file).unwrap();
+    let (_folder, config) = post_file(extra);
     let seen = Rc::new(RefCell::new(Vec::new()));
     let parts = Parts {
         sky: Box::new(Script(script.to_vec(), 0)),

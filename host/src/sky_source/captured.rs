@@ -3,17 +3,16 @@
 //! Memory is that of the first series. A series of which frames are missing is merged from those that came.
 
 use super::calm::{Calm, Due};
-use super::{SkyFault, SkyReading, SkySource, SunSource};
+use super::device::Device;
+use super::{SeriesTimes, SkyFault, SkyReading, SkySource, SunSource};
 use crate::bracket::{MergeSettings, Merged, Merger};
-use crate::camera::plausible::{PictureFault, Plausible};
-use crate::camera::replay::ReplayCamera;
+use crate::camera::plausible::PictureFault;
 use crate::camera::series::Series;
-use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
 use crate::camera::{Camera, CameraError, Exposure, Frame};
 use crate::capture::{self, Capture, CaptureSettings, Captured};
 use crate::clock::Moment;
 use crate::colour::CameraColour;
-use crate::config::{ClockConfig, Config, SkyKind};
+use crate::config::{ClockConfig, Config};
 use crate::lens::Lens;
 use crate::planner::Planner;
 use crate::response::Response;
@@ -27,12 +26,6 @@ pub const SERIES: usize = 4;
 const ATTEMPTS: usize = 6;
 /// With the sun higher than this no sky is black to a camera, under whatever clouds, degrees.
 const DAY_ALTITUDE_DEG: f64 = 5.0;
-
-enum Device {
-    Synthetic(Box<SyntheticCamera>),
-    Replay(ReplayCamera, Vec<Exposure>),
-    Live(Box<Plausible<Box<dyn Camera>>>),
-}
 
 /// A camera's series as weights.
 pub struct CapturedSky {
@@ -66,7 +59,7 @@ impl CapturedSky {
     /// # Errors
     /// What is wrong with those files, in one line.
     pub fn open(config: &Config, patches: PatchSet, north_deg: f64) -> anyhow::Result<Self> {
-        Self::with_device(open_device(config, north_deg)?, config, patches, north_deg)
+        Self::with_device(Device::open(config, north_deg)?, config, patches, north_deg)
     }
 
     /// The same with a real camera that is open, whose lens the post's file names. Its pictures are looked at before they are
@@ -80,7 +73,7 @@ impl CapturedSky {
         patches: PatchSet,
         north_deg: f64,
     ) -> anyhow::Result<Self> {
-        Self::with_device(Device::Live(Box::new(Plausible::new(camera))), config, patches, north_deg)
+        Self::with_device(Device::live(camera), config, patches, north_deg)
     }
 
     fn with_device(device: Device, config: &Config, patches: PatchSet, north_deg: f64) -> anyhow::Result<Self> {
@@ -133,11 +126,9 @@ impl CapturedSky {
     /// Takes and merges one series, again while the exposures do not fit the light yet; true if they fitted at once.
     fn take(&mut self, unix_s: f64) -> Result<bool, SkyFault> {
         for attempt in 0..self.attempts() {
+            self.device.set_time(unix_s);
             let (camera, planned): (&mut dyn Camera, &[Exposure]) = match &mut self.device {
-                Device::Synthetic(camera) => {
-                    camera.set_time(unix_s);
-                    (camera.as_mut(), self.planner.exposures())
-                }
+                Device::Synthetic(camera) => (camera.as_mut(), self.planner.exposures()),
                 Device::Replay(camera, recorded) => (camera, recorded),
                 Device::Live(camera) => (camera.as_mut(), self.planner.exposures()),
             };
@@ -159,14 +150,8 @@ impl CapturedSky {
             Due::Nothing => return Ok(true),
             Due::Look => {}
         }
-        let camera: &mut dyn Camera = match &mut self.device {
-            Device::Synthetic(camera) => {
-                camera.set_time(unix_s);
-                camera.as_mut()
-            }
-            Device::Replay(camera, _) => camera,
-            Device::Live(camera) => camera.as_mut(),
-        };
+        self.device.set_time(unix_s);
+        let camera = self.device.camera();
         match camera.frame(&mut self.watched) {
             Ok(()) => {}
             Err(CameraError::Timeout) => return Ok(false),
@@ -187,17 +172,9 @@ impl CapturedSky {
         if self.calm.is_calm()
             && let Device::Synthetic(_) | Device::Live(_) = &self.device
         {
-            self.camera().request(watch).map_err(fault)?;
+            self.device.camera().request(watch).map_err(fault)?;
         }
         Ok(())
-    }
-
-    fn camera(&mut self) -> &mut dyn Camera {
-        match &mut self.device {
-            Device::Synthetic(camera) => camera.as_mut(),
-            Device::Replay(camera, _) => camera,
-            Device::Live(camera) => camera.as_mut(),
-        }
     }
 
     /// One reading; see [`SkySource::read`].
@@ -206,11 +183,12 @@ impl CapturedSky {
             return Ok(false);
         }
         let exposures_stay = self.take(moment.unix_s)?;
-        let (taken, sun) = (self.taken(), self.sun(moment));
+        let sun = self.sun(moment);
         if !self.shows(sun)? {
             return Ok(false);
         }
         self.capture.weights_into(&self.merged, sun, &mut self.captured).map_err(failed)?;
+        let times = self.times();
         self.rest(moment.unix_s, exposures_stay)?;
         into.weights.radiance.clone_from(&self.captured.weights.radiance);
         into.weights.sun = self.captured.weights.sun;
@@ -223,7 +201,7 @@ impl CapturedSky {
             missing: self.expected.saturating_sub(self.series.frames().len()),
             is_calm: self.calm.is_calm(),
         });
-        into.taken = taken;
+        into.times = times;
         into.exposures.clear();
         Ok(true)
     }
@@ -236,10 +214,11 @@ impl CapturedSky {
         ATTEMPTS
     }
 
-    /// When the last frame was taken, by a real camera.
-    fn taken(&self) -> Option<Instant> {
+    /// When a real camera took the series, whose weights are ready now.
+    fn times(&self) -> Option<SeriesTimes> {
         let live = matches!(self.device, Device::Live(_));
-        self.series.frames().iter().filter(|_| live).filter_map(Frame::taken).max()
+        let taken = || self.series.frames().iter().filter(|_| live).filter_map(Frame::taken);
+        Some(SeriesTimes { first: taken().min()?, last: taken().max()?, ready: Instant::now() })
     }
 
     /// Whether the newest series shows the sky. A black one by day does not: exposures still climb, and nothing is new.
@@ -271,27 +250,6 @@ fn failed(error: impl std::fmt::Display) -> SkyFault {
 
 fn fault(error: CameraError) -> SkyFault {
     if matches!(error, CameraError::Ended) { SkyFault::Ended } else { failed(error) }
-}
-
-fn open_device(config: &Config, north_deg: f64) -> anyhow::Result<Device> {
-    if let (SkyKind::Replay, Some(folder)) = (config.sky, &config.camera.frames) {
-        let camera = ReplayCamera::open(folder, false)?;
-        let series = camera.series();
-        return Ok(Device::Replay(camera, series));
-    }
-    let Some(site) = config.site else { anyhow::bail!("{}: [site] is missing", config.file.display()) };
-    let lens = config.camera.lens.as_ref().map(|path| Lens::load(path)).transpose()?;
-    let mut settings = SyntheticSettings {
-        place: site.place,
-        north_deg,
-        atmosphere: super::simulated::atmosphere(site, config.weather),
-        ..SyntheticSettings::default()
-    };
-    if let Some((width, height)) = lens.as_ref().and_then(Lens::size) {
-        (settings.width, settings.height) = (width, height);
-    }
-    settings.lens = lens;
-    Ok(Device::Synthetic(Box::new(SyntheticCamera::new(settings))))
 }
 
 /// The curve that the post's file names; a simulated camera knows its own; else the camera counts as linear.
@@ -335,6 +293,7 @@ impl SkySource for CapturedSky {
 mod tests {
     use super::*;
     use crate::camera::CameraLimits;
+    use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
     use crate::sky_source::simulated::SimulatedSky;
     use std::path::Path;
     use std::sync::Arc;

@@ -2,6 +2,7 @@
 
 use super::captured::CapturedSky;
 use super::{SkyFault, SkyReading, SkySource};
+use crate::camera::Camera;
 use crate::camera::reopen::{Patience, Reopening};
 use crate::camera::v4l2::{GainModel, V4l2Camera, V4l2Settings};
 use crate::clock::Moment;
@@ -36,8 +37,15 @@ impl LiveSky {
 
 /// A real camera that is opened again when it is lost.
 fn open(config: &Config, patches: PatchSet, north_deg: f64) -> anyhow::Result<CapturedSky> {
-    let camera = Reopening::open(V4l2Camera::opener(v4l2_settings(config)?), Patience::default())?;
-    CapturedSky::with_camera(Box::new(camera), config, patches, north_deg)
+    CapturedSky::with_camera(open_camera(config)?, config, patches, north_deg)
+}
+
+/// The camera that the post's file names, opened again when it is lost; its delay is measured.
+///
+/// # Errors
+/// Why it does not open, in one line.
+pub fn open_camera(config: &Config) -> anyhow::Result<Box<dyn Camera>> {
+    Ok(Box::new(Reopening::open(V4l2Camera::opener(v4l2_settings(config)?), Patience::default())?))
 }
 
 /// What the post's file asks of a real camera.

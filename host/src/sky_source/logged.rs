@@ -31,7 +31,7 @@ impl SkySource for LoggedSky {
         }
         let sun = if light.sun.is_some() { SunSource::Measured } else { SunSource::None };
         into.exposures.clone_from(&light.exposures);
-        (into.weights, into.sun, into.taken) = (light.weights(), sun, None);
+        (into.weights, into.sun, into.times) = (light.weights(), sun, None);
         Ok(true)
     }
 }

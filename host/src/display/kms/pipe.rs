@@ -7,14 +7,17 @@ use drm::control::property::{self, Value};
 use drm::control::{AtomicCommitFlags, Device as _, Event, PageFlipFlags, ResourceHandle, crtc, framebuffer, plane};
 use drm::{ClientCapability, Device as _};
 use rustix::event::{PollFd, PollFlags, poll};
-use rustix::time::Timespec;
+use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::io;
 use std::rc::Rc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Properties of the plane that a flip or a new mode sets.
 const PLANE: [&str; 10] =
     ["FB_ID", "CRTC_ID", "SRC_X", "SRC_Y", "SRC_W", "SRC_H", "CRTC_X", "CRTC_Y", "CRTC_W", "CRTC_H"];
+
+/// A flip's event is read with the next frame at the latest; a stamp further back is none.
+const OLDEST_FLIP: Duration = Duration::from_secs(1);
 
 /// What an atomic request names.
 struct Atomic {
@@ -34,6 +37,8 @@ pub(super) struct Pipe {
     before: Option<crtc::Info>,
     is_set: bool,
     flips: bool,
+    /// When the newest framebuffer was first on the screen.
+    flipped: Option<Instant>,
 }
 
 impl Pipe {
@@ -43,7 +48,7 @@ impl Pipe {
             && card.set_client_capability(ClientCapability::Atomic, true).is_ok();
         let atomic = if can { Atomic::find(card, &output) } else { None };
         let before = card.get_crtc(output.crtc).ok();
-        Pipe { card: Rc::clone(card), output, atomic, before, is_set: false, flips: false }
+        Pipe { card: Rc::clone(card), output, atomic, before, is_set: false, flips: false, flipped: None }
     }
 
     pub(super) fn output(&self) -> &Output {
@@ -60,6 +65,11 @@ impl Pipe {
         Some(self.card.get_plane(self.atomic.as_ref()?.plane).ok()?.formats().to_vec())
     }
 
+    /// When the newest framebuffer was first on the screen; none while its flip is under way.
+    pub(super) fn flipped(&self) -> Option<Instant> {
+        self.flipped.filter(|_| !self.flips)
+    }
+
     /// Is a flip under way?
     pub(super) fn is_flipping(&self) -> bool {
         self.flips
@@ -72,7 +82,7 @@ impl Pipe {
     pub(super) fn show(&mut self, framebuffer: framebuffer::Handle) -> io::Result<()> {
         if !self.is_set {
             self.set_mode(framebuffer)?;
-            self.is_set = true;
+            (self.is_set, self.flipped) = (true, Some(Instant::now()));
             return Ok(());
         }
         match &self.atomic {
@@ -105,8 +115,11 @@ impl Pipe {
                 Err(rustix::io::Errno::INTR) => continue,
                 Err(error) => return Err(error.into()),
             }
-            let done = self.card.receive_events()?.any(|event| matches!(event, Event::PageFlip(_)));
-            self.flips &= !done;
+            for event in self.card.receive_events()? {
+                if let Event::PageFlip(flip) = event {
+                    (self.flips, self.flipped) = (false, Some(instant_of(flip.duration)));
+                }
+            }
         }
         Ok(true)
     }
@@ -132,6 +145,15 @@ impl Pipe {
         }
         done
     }
+}
+
+/// The moment of an event by the monotonic clock, which `stamp` counts by on every card since Linux 4.15. Cards without a
+/// refresh of their own may stamp nothing that makes sense; their event came when it was read.
+fn instant_of(stamp: Duration) -> Instant {
+    let now = clock_gettime(ClockId::Monotonic);
+    let since_boot = Duration::try_from(now).unwrap_or_default();
+    let age = since_boot.checked_sub(stamp).filter(|age| *age < OLDEST_FLIP).unwrap_or_default();
+    Instant::now().checked_sub(age).unwrap_or_else(Instant::now)
 }
 
 impl Drop for Pipe {
@@ -197,4 +219,20 @@ impl Atomic {
 
 fn handle<T: ResourceHandle>(card: &Card, object: T, name: &str) -> Option<property::Handle> {
     output::property(card, object, name).map(|(handle, _)| handle)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flips_stamp_is_its_moment_and_nonsense_is_now() {
+        let since_boot = Duration::try_from(clock_gettime(ClockId::Monotonic)).unwrap();
+        let (before, stamp) = (Instant::now(), since_boot - Duration::from_millis(300));
+        let flipped = instant_of(stamp);
+        assert!(flipped <= before - Duration::from_millis(200) && flipped >= before - Duration::from_millis(400));
+        for nonsense in [Duration::ZERO, since_boot + Duration::from_secs(50)] {
+            assert!(instant_of(nonsense) >= before);
+        }
+    }
 }

@@ -13,7 +13,7 @@ use drm::{Device as _, DriverCapability};
 use std::io;
 use std::path::Path;
 use std::rc::Rc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// A flip that takes longer than this will not be done.
 const FLIP_LIMIT: Duration = Duration::from_millis(500);
@@ -28,6 +28,10 @@ pub(super) struct Screen {
     card: Rc<Card>,
     socket: Socket,
     by_gbm: bool,
+    /// The newest frame that the pipe was given, or that looked as the one given did.
+    queued: Option<u64>,
+    /// The newest frame that is known to have been on the screen, and since when.
+    shown: Option<(u64, Instant)>,
 }
 
 impl Screen {
@@ -63,7 +67,7 @@ impl Screen {
                 "{name} has {width}x{height} pixels; the picture needs {w}x{h}: bake the field for this display"
             ))
         })?;
-        Ok(Screen { pipe, buffers, back: 0, placement, card, socket, by_gbm })
+        Ok(Screen { pipe, buffers, back: 0, placement, card, socket, by_gbm, queued: None, shown: None })
     }
 
     /// What it is, in a few words.
@@ -109,16 +113,43 @@ impl Screen {
         self.buffers.iter_mut().for_each(|buffer| buffer.age(frame.damage));
         let front = 1 - self.back;
         if !self.buffers[front].is_stale() {
+            if self.pipe.is_flipping() {
+                self.queued = Some(frame.number);
+            } else {
+                self.shown = Some((frame.number, Instant::now()));
+            }
             return Ok(());
         }
         if self.pipe.is_flipping() && !self.pipe.wait(FLIP_LIMIT)? {
             return Err(io::ErrorKind::TimedOut.into());
         }
+        self.note_flip();
         let buffer = &mut self.buffers[self.back];
         buffer.write(frame, &self.placement)?;
         self.pipe.show(buffer.framebuffer())?;
-        self.back = front;
+        (self.back, self.queued) = (front, Some(frame.number));
         Ok(())
+    }
+
+    /// When the frame `number`, or one after it, was first on the screen; `None` while that is not known. Does not wait.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub(super) fn when_shown(&mut self, number: u64) -> io::Result<Option<Instant>> {
+        if self.pipe.is_flipping() {
+            self.pipe.wait(Duration::ZERO)?;
+        }
+        self.note_flip();
+        Ok(self.shown.filter(|(shown, _)| *shown >= number).map(|(_, at)| at))
+    }
+
+    /// The frame given to the pipe is on the screen, if its flip is done.
+    fn note_flip(&mut self) {
+        if let Some(at) = self.pipe.flipped()
+            && let Some(number) = self.queued.take()
+        {
+            self.shown = Some((number, at));
+        }
     }
 }
 
