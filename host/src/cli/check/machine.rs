@@ -2,7 +2,7 @@
 
 use super::Table;
 #[cfg(feature = "board")]
-use crate::camera::{Camera, Frame, v4l2::V4l2Camera};
+use crate::camera::{Camera, CameraError, Frame, v4l2::V4l2Camera};
 use crate::config::Config;
 #[cfg(feature = "board")]
 use crate::config::ViewCamera;
@@ -80,7 +80,9 @@ pub(super) fn camera(config: &Config, lens: Option<&Lens>, table: &mut Table) {
         let words = format!("{}: {format} {}x{}", camera.path(), layout.width, layout.height);
         Ok(((camera, delay), words))
     });
-    let Some((mut camera, delay)) = table.add("camera", opened.map_err(|error| format!("{error:#}"))) else { return };
+    let Some((mut camera, delay)) = table.add("camera", opened.map_err(|error| unopened(config, &error))) else {
+        return;
+    };
     super::lens::fits(lens, camera.layout().output_size(), super::lens::ASK_FOR_SIZE, table);
     let shows = format!("a new exposure shows after {} frames", delay.settled_frames);
     let words = if delay.measured { shows } else { format!("{shows}, a guess: too dark or too bright to measure") };
@@ -93,6 +95,18 @@ pub(super) fn camera(config: &Config, lens: Option<&Lens>, table: &mut Table) {
     table.say("controls", camera.controls_told().join("; "));
     for note in camera.notes() {
         table.advise("controls", note.clone());
+    }
+}
+
+/// Why the camera does not open.
+#[cfg(feature = "board")]
+fn unopened(config: &Config, error: &anyhow::Error) -> String {
+    let device = config.camera.device.as_deref().unwrap_or_default();
+    match error.downcast_ref() {
+        Some(CameraError::Lost) => {
+            format!("camera.device = \"{device}\" is not there; plug it in, or see `relume devices` for its name")
+        }
+        _ => format!("{error:#}"),
     }
 }
 
@@ -164,6 +178,18 @@ fn series(camera: &mut crate::camera::v4l2::V4l2Camera) -> Result<String, String
 #[cfg(all(test, feature = "board"))]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_camera_that_is_not_there_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("POST.toml");
+        let text = "field = 'a'\nsky = 'camera'\n[site]\nlatitude = 48.0\nlongitude = 11.0\n[camera]\n\
+                    device = '/dev/video-none'\nlens = 'l'\n[display]\nkind = 'headless'\nfolder = 'o'\n";
+        fs::write(&file, text).unwrap();
+        let mut table = Table::default();
+        camera(&Config::load(&file).unwrap(), None, &mut table);
+        assert!(table.text().starts_with("BAD  camera     camera.device = \"/dev/video-none\""), "{}", table.text());
+    }
 
     #[test]
     fn only_a_picture_that_is_shown_is_well() {
