@@ -1,6 +1,7 @@
 //! Folders for a test's files.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A new, empty folder of this name below `base` (`env!("CARGO_TARGET_TMPDIR")` of an integration test).
 ///
@@ -24,10 +25,14 @@ pub fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// Writes a file.
+/// Writes a file, whole: tests that share a folder never read half of one.
 ///
 /// # Panics
 /// If it cannot be written.
 pub fn put(path: &Path, bytes: impl AsRef<[u8]>) {
-    std::fs::write(path, bytes).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    static WRITTEN: AtomicU64 = AtomicU64::new(0);
+    let number = WRITTEN.fetch_add(1, Ordering::Relaxed);
+    let beside = path.with_added_extension(format!("{}-{number}", std::process::id()));
+    let written = std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path));
+    written.unwrap_or_else(|error| panic!("{}: {error}", path.display()));
 }

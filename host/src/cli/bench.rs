@@ -26,7 +26,8 @@ bound below the true error is a failure (exit code 1).
   --loop-only         nothing but the loop of a post under a still sky at 30 frames a second, over a still and over a live
                       view, from the camera's codes to the display's memory. With --json: width_px, height_px, frames, and
                       still_view, live_view, live_view_by_curve, live_view_scaled, each cpu_ms_per_frame, share_of_core,
-                      frames_composited
+                      frames_composited; calm_sky, the sky camera alone while nothing moves; light_to_pixel, the time from
+                      a series to its light in the display's memory while the sky changes
   --plot OUT.png      time against error as a picture (with --stack)
   --json              the figures as one JSON object on standard output:
     skies, skies_with_sun, width_px, height_px, covered_px
