@@ -7,15 +7,14 @@ use crate::display::{Display, Frame};
 use crate::exposure::ExposureControl;
 use crate::fading::Fading;
 use crate::failure::{Failure, OrFail};
-use crate::health::{Health, ViewState, WELL, WeightsState};
+use crate::health::{Health, WeightsState};
 use crate::labels::{Labels, News};
 use crate::lightlog::LightLog;
 use crate::outfile::clear_leftovers;
 use crate::painter::Painter;
-use crate::picture::write_png;
 use crate::relight::FrameCounters;
-use crate::sky_source::{SkyReading, SkySource, SunSource};
-use crate::sun::{SunPosition, format_utc, position_of};
+use crate::sky_source::{SkyReading, SkySource};
+use crate::sun::{SunPosition, position_of};
 use crate::view::gain::ViewGain;
 use crate::view::live::ViewSource;
 use crate::watchdog::Watchdog;
@@ -29,12 +28,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use telling::{PICTURES, Vital};
 
 /// How often the state is written, and shown where it is, when nothing in it changes.
 const HEALTH_INTERVAL: Duration = Duration::from_secs(1);
-
-/// The pictures that are written on demand.
-const PICTURES: [&str; 2] = ["view", "screenshot"];
 
 /// What a post did, when it has ended.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -115,16 +112,6 @@ pub struct Post<'p> {
     counters: FrameCounters,
     exposure_changes: u64,
     sky_faults: u64,
-}
-
-/// What someone watching wants to know at once when it changes.
-#[derive(Clone, Copy, PartialEq)]
-struct Vital {
-    weights: WeightsState,
-    sun: SunSource,
-    trusted: bool,
-    display_in_trouble: bool,
-    view: Option<ViewState>,
 }
 
 /// An even sky of radiance 1: what stands in until there is a first measurement.
@@ -308,117 +295,11 @@ impl<'p> Post<'p> {
     fn sun(&self) -> Option<SunPosition> {
         self.held.weights.sun.map(|sun| position_of(sun.dir_world, self.parts.painter.north_deg()))
     }
-
-    fn picture_file(&self, name: &str) -> PathBuf {
-        self.health_file.with_file_name(name).with_extension("png")
-    }
-
-    /// Writes the picture shown as a PNG beside the state, after a live view that is behind it.
-    fn take_picture(&self) {
-        let (width, height) = self.parts.painter.size();
-        let view = self.behind.as_ref().map(|_| self.parts.painter.view_bgrx());
-        let pictures = PICTURES.into_iter().zip([view, Some(&*self.shown)]);
-        for (name, pixels_bgrx) in pictures.filter_map(|(name, pixels)| Some((name, pixels?))) {
-            let path = self.picture_file(name);
-            match write_png(&path, width, height, pixels_bgrx) {
-                Ok(()) => eprintln!("{name}: {}", path.display()),
-                Err(error) => eprintln!("{name}: {error}"),
-            }
-        }
-    }
-
-    /// Writes the state when it changed, from time to time, and at the end. A full disk must not stop the picture.
-    fn tell(&mut self, moment: Moment, last: bool) {
-        if !self.is_due && !last {
-            return;
-        }
-        let vital = self.vital(moment);
-        let changed = self.told != Some(vital);
-        let health = self.health(moment);
-        if self.told_state != health.state {
-            eprintln!("{} {}", health.time_utc, health.state);
-            self.told_state.clone_from(&health.state);
-        }
-        if let Err(error) = health.write(&self.health_file)
-            && changed
-        {
-            eprintln!("{error}");
-        }
-        self.told = Some(vital);
-        self.told_at = Instant::now();
-    }
-
-    fn vital(&self, moment: Moment) -> Vital {
-        Vital {
-            weights: self.weights,
-            sun: self.held.sun,
-            trusted: moment.trusted,
-            display_in_trouble: self.parts.display.trouble().is_some(),
-            view: self.behind.as_ref().map(Behind::state),
-        }
-    }
-
-    fn health(&self, moment: Moment) -> Health {
-        Health {
-            state: self.state(moment),
-            frames: self.frames,
-            time_utc: format_utc(moment.unix_s),
-            clock: self.parts.clock.state(moment),
-            sky: self.sky_name,
-            colour: self.colour,
-            weights: self.weights,
-            weights_age_s: self.held_since_unix_s.map_or(0.0, |since| moment.unix_s - since),
-            sun: self.held.sun,
-            sun_share: self.held.sun_share,
-            sky_series: self.held.series,
-            filled_patches: self.held.filled_patches,
-            sun_azimuth_altitude_deg: self.sun().map(|p| [p.azimuth_deg, p.altitude_deg]),
-            exposure_ev: self.exposure.ev(),
-            view_gain: self.view_gain,
-            sky_faults: self.sky_faults,
-            last_fault: self.last_fault.clone(),
-            view: self.behind.as_ref().map(Behind::health),
-            display: self.parts.display.trouble().map(String::from),
-            latency_ms: self.latency.newest_ms,
-            latency_worst_ms: self.latency.worst_ms,
-            latency_count: self.latency.count,
-            latency_parts: self.latency.parts,
-            latency_mean_parts: self.latency.mean_parts,
-            frame: self.counters,
-            note: self.notes(),
-        }
-    }
-
-    /// What painter and display want to be known.
-    fn notes(&self) -> Option<String> {
-        let notes = [self.note.as_deref(), self.parts.display.note()];
-        let notes: Vec<&str> = notes.into_iter().flatten().collect();
-        (!notes.is_empty()).then(|| notes.join("; "))
-    }
-
-    fn state(&self, moment: Moment) -> String {
-        let fault = self.last_fault.as_deref().unwrap_or("it gave nothing yet");
-        let mut parts = Vec::new();
-        match self.weights {
-            WeightsState::Fresh => {}
-            WeightsState::Held => parts.push(format!("sky fails, last weights held: {fault}")),
-            WeightsState::Fading => parts.push(format!("sky fails, the last light fades to a model: {fault}")),
-            WeightsState::Modelled => parts.push(format!("sky fails, a model's light stands in: {fault}")),
-            WeightsState::StandIn => parts.push(format!("no sky yet, an even one stands in: {fault}")),
-        }
-        parts.extend(self.behind.as_ref().and_then(Behind::trouble));
-        if let Some(trouble) = self.parts.display.trouble() {
-            parts.push(format!("display: {trouble}"));
-        }
-        if !moment.trusted {
-            parts.push("clock not trusted, no sun shown".to_string());
-        }
-        if parts.is_empty() { WELL.into() } else { parts.join("; ") }
-    }
 }
 
 mod behind;
 mod latency;
 mod light;
+mod telling;
 #[cfg(test)]
 mod tests;

@@ -2,6 +2,7 @@ use super::*;
 use crate::camera::CameraError;
 use crate::config::ClockConfig;
 use crate::display::DisplayError;
+use crate::health::ViewState;
 use crate::sky_source::{SeriesTimes, SkyFault};
 use crate::view::live::ViewPicture;
 use relume_firmware::patches::PatchSet;
