@@ -164,6 +164,8 @@ struct Prepared {
     /// The picture that stands, and those asked for, by the frames from which they show.
     standing: usize,
     pending: VecDeque<(u64, usize)>,
+    /// Frames handed out: noise never repeats from one to the next, however many were missed between them.
+    handed: usize,
     started: Instant,
     rendered: Arc<AtomicU64>,
 }
@@ -182,6 +184,7 @@ impl Prepared {
             unpacker: Unpacker::new(layout)?,
             standing: 0,
             pending: VecDeque::new(),
+            handed: 0,
             started: Instant::now(),
             rendered: Arc::new(AtomicU64::new(0)),
         };
@@ -235,7 +238,8 @@ impl Camera for Prepared {
         }
         let light = (sequence / FRAMES_PER_LIGHT) as usize % self.scenes.len();
         let picture = &self.pictures[self.standing];
-        let bytes = &picture.bytes[light * VARIANTS + sequence as usize % VARIANTS];
+        self.handed += 1;
+        let bytes = &picture.bytes[light * VARIANTS + self.handed % VARIANTS];
         into.captured_at_s = unix_s();
         (into.exposure, into.sequence) = (picture.exposure, sequence);
         let refused = |error| CameraError::Device { path: "prepared pictures".into(), what: format!("{error}") };
