@@ -73,8 +73,8 @@ pub trait Display {
     /// [`DisplayError`]; the post may go on and try again with the next frame.
     fn present(&mut self, frame: &Frame<'_>) -> Result<(), DisplayError>;
 
-    /// When a frame that was presented, or a later one, was first seen; `None` while that is not known. Asked once a frame,
-    /// and never waits. A display that shows what it is given at once needs no more than this.
+    /// When a frame that was presented, or a later one, was first seen; `None` while that is not known. Asked while a
+    /// frame is on its way, and never waits. A display that shows what it is given at once needs no more than this.
     fn when_shown(&mut self, _number: u64) -> Option<Instant> {
         Some(Instant::now())
     }

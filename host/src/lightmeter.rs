@@ -1,11 +1,11 @@
-//! The exposures that the light asks for, found by the planner of the live loop, for frames that are kept.
+//! The exposures that the light asks for, found by the planner of the live loop, where nothing else waits meanwhile.
 
 use crate::bracket::{MergeSettings, Merged, Merger};
 use crate::camera::series::Series;
-use crate::camera::{CameraLimits, Exposure};
-use crate::planner::Planner;
+use crate::camera::{Camera, CameraLimits, Exposure};
+use crate::planner::{PlanReport, Planner};
 use crate::sky_source::captured::SERIES;
-use crate::sky_source::device::Device;
+use std::time::{Duration, Instant};
 
 /// Series until the exposures fit the light; they climb by 3 stops each.
 const ATTEMPTS: usize = 8;
@@ -20,37 +20,48 @@ pub struct LightMeter {
     merger: Merger,
     series: Series,
     merged: Merged,
-    fits: bool,
+    took: Duration,
 }
 
 impl LightMeter {
-    /// A meter for a camera that counts as linear: the factor that a curve makes does not matter here.
+    /// A meter for a camera that counts as linear: for exposures the factor that a curve makes does not matter.
     pub fn new(limits: CameraLimits) -> Self {
+        Self::merging(limits, MergeSettings::default())
+    }
+
+    /// A meter whose merged series are of use, too.
+    pub fn merging(limits: CameraLimits, settings: MergeSettings) -> Self {
         LightMeter {
             limits,
             planner: Planner::new(limits, SERIES),
-            merger: Merger::new(MergeSettings::default()),
+            merger: Merger::new(settings),
             series: Series::default(),
             merged: Merged::default(),
-            fits: false,
+            took: Duration::ZERO,
         }
     }
 
-    /// Looks at the light by series of the camera: several the first time, one from then on.
+    /// Looks at the light by series of a camera, until the exposures fit it; `ready` makes `of` ready for a series.
     ///
     /// # Errors
     /// Why the camera gave nothing, or nothing that can be merged.
-    pub fn look(&mut self, device: &mut Device, unix_s: f64) -> anyhow::Result<()> {
-        for _ in 0..if self.fits { 1 } else { ATTEMPTS } {
-            device.set_time(unix_s);
-            self.series.take(device.camera(), self.planner.exposures())?;
+    pub fn look<C>(&mut self, of: &mut C, ready: impl Fn(&mut C) -> &mut dyn Camera) -> anyhow::Result<&Merged> {
+        for _ in 0..ATTEMPTS {
+            let camera = ready(of);
+            let begun = Instant::now();
+            self.series.take(camera, self.planner.exposures())?;
+            self.took = begun.elapsed();
             self.merger.merge(self.series.frames(), &mut self.merged)?;
             if !self.planner.follow(&self.merged) {
                 break;
             }
         }
-        self.fits = true;
-        Ok(())
+        Ok(&self.merged)
+    }
+
+    /// What is planned for the light that was seen, and how long the last series took.
+    pub fn plan(&self) -> (PlanReport, Duration) {
+        (self.planner.report(), self.took)
     }
 
     /// `count` exposures, `step_stops` apart, rising, at gain 1, over the light that is there; fewer where the camera's
@@ -91,9 +102,10 @@ mod tests {
         let (width, height) = (48, 48);
         let settings =
             SyntheticSettings { width, height, max_exposure_s, sky_rows: 32, ..SyntheticSettings::default() };
-        let mut device = Device::Synthetic(Box::new(SyntheticCamera::new(settings)));
-        let mut meter = LightMeter::new(device.camera().limits());
-        meter.look(&mut device, 1_782_043_200.0).unwrap();
+        let mut camera = SyntheticCamera::new(settings);
+        let mut meter = LightMeter::new(camera.limits());
+        camera.set_time(1_782_043_200.0);
+        meter.look(&mut camera, |camera| camera).unwrap();
         meter
     }
 

@@ -2,6 +2,7 @@
 
 use crate::outfile::{OutError, write_whole};
 use exr::prelude::{Encoding, Image, SpecificChannels, WritableImage};
+use image::ExtendedColorType;
 use std::io::{self, Cursor, Write};
 use std::path::Path;
 
@@ -140,19 +141,27 @@ pub fn write_exr_measured(
 /// # Errors
 /// [`PictureError::Shape`] for a buffer of another size, [`PictureError::Out`] for the file.
 pub fn write_png(path: &Path, width: usize, height: usize, pixels_bgrx: &[u32]) -> Result<(), PictureError> {
-    use image::ImageEncoder;
-    use image::codecs::png::{CompressionType, FilterType, PngEncoder};
     check_shape(width, height, pixels_bgrx.len())?;
     let bytes: Vec<u8> = pixels_bgrx.iter().flat_map(|&p| [(p >> 16) as u8, (p >> 8) as u8, p as u8]).collect();
-    write_whole(path, |out| {
-        PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Adaptive)
-            .write_image(&bytes, width as u32, height as u32, image::ExtendedColorType::Rgb8)
-            .map_err(|error| match error {
-                image::ImageError::IoError(io) => io,
-                other => io::Error::other(other),
-            })
-    })?;
+    write_whole(path, |out| encode_png(out, &bytes, (width, height), ExtendedColorType::Rgb8))?;
     Ok(())
+}
+
+/// Codes, rows of `colour` without gaps, as a PNG.
+pub(crate) fn encode_png(
+    out: impl Write,
+    bytes: &[u8],
+    (width, height): (usize, usize),
+    colour: ExtendedColorType,
+) -> io::Result<()> {
+    use image::ImageEncoder;
+    use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+    PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(bytes, width as u32, height as u32, colour)
+        .map_err(|error| match error {
+            image::ImageError::IoError(io) => io,
+            other => io::Error::other(other),
+        })
 }
 
 /// What a display shows, in f64: `round(255 * srgb(clamp(exposure * rgb + (1 - alpha) * view)))` per channel.

@@ -23,6 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (Some(folder), Some(Ok(seed))) = (args.next(), args.next().map(|seed| seed.parse::<u64>())) else {
         return Err("give DIR and SEED".into());
     };
+    std::fs::create_dir_all(&folder)?;
     for sensor in SENSORS {
         let fourteen = exposures(6.25e-5, 2.0, 14);
         let four = exposures(1.25e-4, 8.0, 4);

@@ -1,7 +1,8 @@
 //! Simulated exposure series with known truth: what figures of response, radiance and ghosts are measured on.
 
+use relume::camera::recording::Recording;
 use relume::camera::synthetic::{Curve, Ghosts, SyntheticCamera, SyntheticSettings};
-use relume::camera::{Camera, Codes, Exposure, Frame, take_series};
+use relume::camera::{Camera, Exposure, Frame, take_series};
 use relume::map::RadianceMap;
 use relume::response::Response;
 use relume::skymodel::Atmosphere;
@@ -67,25 +68,10 @@ impl Series {
     /// Writes the frames as files: PNGs, `frames.json`, and the camera's true curve, `curve_truth.csv`.
     ///
     /// # Errors
-    /// When a file cannot be written.
+    /// When there are such files, or one cannot be written.
     pub fn save(&self, folder: &Path) -> Result<(), Box<dyn Error>> {
-        std::fs::create_dir_all(folder)?;
-        let mut list = Vec::new();
-        for (number, frame) in self.frames.iter().enumerate() {
-            let (name, width, height) = (format!("{number:02}.png"), frame.width as u32, frame.height as u32);
-            let path = folder.join(&name);
-            match &frame.codes {
-                Codes::U8(codes) => image::save_buffer(path, codes, width, height, image::ColorType::Rgb8)?,
-                Codes::U16(codes) => {
-                    let picture = image::ImageBuffer::<image::Rgb<u16>, _>::from_raw(width, height, codes.clone());
-                    picture.ok_or("a frame's codes do not fill it")?.save(path)?;
-                }
-            }
-            list.push(
-                serde_json::json!({"file": name, "time_s": frame.exposure.exposure_s, "gain": frame.exposure.gain}),
-            );
-        }
-        std::fs::write(folder.join("frames.json"), serde_json::to_string_pretty(&list)?)?;
+        let mut recording = Recording::open(folder, false)?;
+        self.frames.iter().try_for_each(|frame| recording.add(frame))?;
         Response::from_rows(self.camera.response_rows(), "truth")?.save(&folder.join("curve_truth.csv"))?;
         Ok(())
     }

@@ -253,6 +253,8 @@ fn check_refuses_what_a_post_does_not_open_with() {
     let live = post("refused", &tinted("refused", [1.0; 3]), "", "mode = 'fixed'\nev = 0.0");
     let still = live.replace("[view_camera]\nframes = 'refused_frames'\n", "");
     image::GrayImage::new(40, 30).save(folder.join("small.png")).unwrap();
+    image::GrayImage::from_pixel(SIZE.0, SIZE.1, image::Luma([255])).save(folder.join("all.png")).unwrap();
+    let light = clear().csv(folder);
     let bare = ["scene", "demo", "--size", "48x32", "--directions", "16", "--sun-paths", "1", "-o", "bare.field"];
     relume_tests::program::bake_in(folder, &bare).well();
     let by_view = live.replace("mode = 'fixed'\nev = 0.0", "mode = 'view'").replace("a.field", "bare.field");
@@ -260,6 +262,11 @@ fn check_refuses_what_a_post_does_not_open_with() {
         (format!("mask = 'none.png'\n{live}"), ["BAD  mask", "none.png"]),
         (format!("mask = 'small.png'\n{live}"), ["BAD  mask", "40x30"]),
         (format!("view = 'refused.png'\nview_light = 'none.csv'\n{still}"), ["BAD  light then", "none.csv"]),
+        // In front of every receiver: nothing is left to tell how the still was exposed.
+        (
+            format!("mask = 'all.png'\nview = 'refused.png'\nview_light = '{light}'\n{still}"),
+            ["BAD  light then", "too little"],
+        ),
         (by_view, ["BAD  exposure", "relume = receiver"]),
     ];
     for (text, parts) in cases {

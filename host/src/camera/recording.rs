@@ -7,9 +7,9 @@ use super::replay::{Recorded, read_frame, read_list};
 use super::{CameraError, Codes, Frame};
 use crate::failure::Failure;
 use crate::outfile::{OutError, check_writable, write_whole};
+use crate::picture::encode_png;
 use crate::sun::format_utc;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageError};
+use image::ExtendedColorType;
 use serde::Serialize;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -180,17 +180,11 @@ impl Recording {
 
 /// The codes as they are, 8 or 16 bit, without loss.
 fn write_picture(out: impl Write, frame: &Frame) -> io::Result<()> {
-    use image::ImageEncoder;
     let (bytes, colour): (&[u8], _) = match &frame.codes {
         Codes::U8(codes) => (codes, ExtendedColorType::Rgb8),
         Codes::U16(codes) => (bytemuck::cast_slice(codes), ExtendedColorType::Rgb16),
     };
-    PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Adaptive)
-        .write_image(bytes, frame.width as u32, frame.height as u32, colour)
-        .map_err(|error| match error {
-            ImageError::IoError(io) => io,
-            other => io::Error::other(other),
-        })
+    encode_png(out, bytes, (frame.width, frame.height), colour)
 }
 
 #[cfg(test)]

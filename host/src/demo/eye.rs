@@ -2,32 +2,25 @@
 
 use relume_firmware::patches::PatchSet;
 
-use crate::bracket::{MergeSettings, Merged, Merger};
+use crate::bracket::MergeSettings;
 use crate::camera::Camera;
-use crate::camera::series::Series;
 use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
 use crate::capture::{Capture, CaptureSettings};
 use crate::failure::{Failure, OrFail};
-use crate::planner::Planner;
+use crate::lightmeter::LightMeter;
 use crate::response::Response;
 use crate::skymodel::{Atmosphere, SkyModel};
 use crate::sun::{Place, SunPosition, sun_position};
 use crate::weights::PatchWeights;
 
-/// Exposures of one series, and series until they fit the light.
-const SERIES: usize = 4;
-const ATTEMPTS: usize = 5;
 const PIXELS: usize = 240;
 
 /// Looks at the sky of a place.
 pub(super) struct Eye {
     camera: SyntheticCamera,
-    planner: Planner,
-    merger: Merger,
+    meter: LightMeter,
     capture: Capture,
     place: Place,
-    series: Series,
-    merged: Merged,
 }
 
 /// What was seen, and what there was to see.
@@ -59,28 +52,22 @@ impl Eye {
             north_deg: 0.0,
         };
         Ok(Eye {
-            planner: Planner::new(camera.limits(), SERIES),
-            merger: Merger::new(MergeSettings { response, ..MergeSettings::default() }),
+            meter: LightMeter::merging(camera.limits(), MergeSettings { response, ..MergeSettings::default() }),
             capture: Capture::new(camera.lens(), (PIXELS, PIXELS), patches, capture, None).or_runtime()?,
             camera,
             place,
-            series: Series::default(),
-            merged: Merged::default(),
         })
     }
 
     /// One series at a moment (Unix seconds); more while the exposures do not fit the light yet.
     pub fn look(&mut self, unix_s: f64) -> Result<Seen, Failure> {
-        for _ in 0..ATTEMPTS {
-            self.camera.set_time(unix_s);
-            self.series.take(&mut self.camera, self.planner.exposures()).or_runtime()?;
-            self.merger.merge(self.series.frames(), &mut self.merged).or_runtime()?;
-            if !self.planner.follow(&self.merged) {
-                break;
-            }
-        }
+        let merged = self.meter.look(&mut self.camera, |camera| {
+            camera.set_time(unix_s);
+            camera
+        });
+        let merged = merged.or_runtime()?;
         let sun = sun_position(unix_s, self.place).or_runtime()?;
-        let weights = self.capture.weights(&self.merged, Some(sun)).or_runtime()?.weights;
+        let weights = self.capture.weights(merged, Some(sun)).or_runtime()?.weights;
         Ok(Seen { weights, truth: self.camera.sky().clone(), sun })
     }
 }

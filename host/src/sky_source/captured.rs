@@ -150,8 +150,7 @@ impl CapturedSky {
             Due::Nothing => return Ok(true),
             Due::Look => {}
         }
-        self.device.set_time(unix_s);
-        let camera = self.device.camera();
+        let camera = self.device.at(unix_s);
         match camera.frame(&mut self.watched) {
             Ok(()) => {}
             Err(CameraError::Timeout) => return Ok(false),

@@ -57,6 +57,12 @@ impl Device {
         }
     }
 
+    /// The camera, for what is there at this time, unix seconds.
+    pub fn at(&mut self, unix_s: f64) -> &mut dyn Camera {
+        self.set_time(unix_s);
+        self.camera()
+    }
+
     /// Tells a simulated camera the time of its next frame, unix seconds; others have their own.
     pub fn set_time(&mut self, unix_s: f64) {
         if let Device::Synthetic(camera) = self {

@@ -9,6 +9,7 @@ use relume_firmware::tone::{ViewLight, code};
 use std::path::Path;
 
 /// Where the view is shown over the picture.
+#[derive(Clone)]
 pub struct Mask {
     width: usize,
     /// Shares of the view in 255ths, row 0 at the top.

@@ -147,28 +147,13 @@ fn pace(camera: &mut V4l2Camera) -> Result<String, String> {
 
 /// The exposures that the planner chooses for the light that is there, and how long a series takes.
 #[cfg(feature = "board")]
-fn series(camera: &mut crate::camera::v4l2::V4l2Camera) -> Result<String, String> {
-    use crate::bracket::{MergeSettings, Merged, Merger};
-    use crate::camera::Camera;
-    use crate::camera::series::Series;
-    use crate::planner::Planner;
+fn series(camera: &mut V4l2Camera) -> Result<String, String> {
     use crate::sky_source::calm::{SERIES_S, WATCH_S};
-    const ATTEMPTS: usize = 8;
-    let mut planner = Planner::new(camera.limits(), crate::sky_source::captured::SERIES);
-    let (mut series, mut merger) = (Series::default(), Merger::new(MergeSettings::default()));
-    let (mut merged, mut took_s) = (Merged::default(), 0.0);
-    for _ in 0..ATTEMPTS {
-        let begun = std::time::Instant::now();
-        series.take(camera, planner.exposures()).map_err(|error| error.to_string())?;
-        took_s = begun.elapsed().as_secs_f64();
-        merger.merge(series.frames(), &mut merged).map_err(|error| error.to_string())?;
-        if !planner.follow(&merged) {
-            break;
-        }
-    }
-    let plan = planner.report();
+    let mut meter = crate::lightmeter::LightMeter::new(camera.limits());
+    meter.look(camera, |camera| camera).map_err(|error| error.to_string())?;
+    let (plan, took) = meter.plan();
     let [shortest, longest] = plan.exposure_s;
-    let (frames, gain) = (plan.frames, plan.gain);
+    let (frames, gain, took_s) = (plan.frames, plan.gain, took.as_secs_f64());
     Ok(format!(
         "{frames} exposures of {shortest:.4} to {longest:.4} s at gain {gain:.1} at most, in {took_s:.2} s; \
          under a calm sky a frame every {WATCH_S} s and a series every {SERIES_S} s"

@@ -15,7 +15,6 @@ use crate::painter::field::FieldPainter;
 use crate::relight::FieldFile;
 use crate::sky_source::SkyReading;
 use crate::view::Still;
-use crate::view::curve::ViewCurve;
 use crate::view::disagreement::Disagreement;
 use crate::view::live::{ViewPicture, ViewSource};
 use crate::weights::PatchWeights;
@@ -27,51 +26,46 @@ const WHAT: &str = "receivers";
 
 /// Compares the view with the receivers in the light that it was taken in. What is found is advice: a post opens with any.
 pub(super) fn receivers(config: &Config, behind: &mut Behind, table: &mut Table) {
-    measures(config, table);
+    // A field that cannot be read has a line of its own.
+    let Ok(file) = FieldFile::open(&config.field) else { return };
+    measures(config, behind, &file, table);
     if config.additive || (behind.still.is_none() && behind.live.is_none()) {
         return;
     }
-    match look(config, behind) {
+    match look(config, behind, &file) {
         Ok(found) => rows(config, &found, table),
         Err(why) => table.say(WHAT, format!("cannot tell how the view shows them: {why}")),
     }
 }
 
 /// What a post does not open without: receivers and a still's light, where its file counts on them.
-fn measures(config: &Config, table: &mut Table) {
-    // A field that cannot be read has a line of its own.
-    let Ok(file) = FieldFile::open(&config.field) else { return };
-    if let Err(refused) = has_what_measures(config, &file) {
+fn measures(config: &Config, behind: &Behind, file: &FieldFile, table: &mut Table) {
+    if let Err(refused) = has_what_measures(config, file) {
         table.add("exposure", Err::<((), String), _>(refused));
     }
     if let Some(path) = &config.view_light {
-        let words = |_| ((), format!("{}: the light that the still was taken in", path.display()));
-        table.add("light then", relights(config, path, &file).map(words));
+        let words = |()| ((), format!("{}: the light that the still was taken in", path.display()));
+        table.add("light then", relights(path, behind, file).map(words));
     }
 }
 
 /// Relights the still behind the picture as a post does when it opens.
-fn relights(config: &Config, path: &Path, file: &FieldFile) -> Result<(), Failure> {
-    let field = file.field();
+fn relights(path: &Path, behind: &Behind, file: &FieldFile) -> Result<(), Failure> {
     // A still that cannot be read has a line of its own.
-    let curve = ViewCurve::load_named(config.view_response.as_deref()).ok().flatten();
-    let size = (field.width(), field.height());
-    let Some(Ok(still)) = config.view.as_ref().map(|view| Still::load_sized(view, size, curve.as_ref())) else {
-        return light_of(path, &field).map(|_| ());
-    };
-    let mut painter = FieldPainter::new(field, still, 1);
+    let Some(still) = behind.still.clone() else { return light_of(path, &file.field()).map(|_| ()) };
+    let mut painter = FieldPainter::new(file.field(), still, 1);
     painter.show_receivers(file.receivers());
-    relight_still(&mut painter, path, &field)
+    painter.put_behind(behind.mask.clone());
+    relight_still(&mut painter, path, &file.field())
 }
 
-fn look(config: &Config, behind: &mut Behind) -> Result<Found, String> {
+fn look(config: &Config, behind: &mut Behind, file: &FieldFile) -> Result<Found, String> {
     let words = |error: &dyn std::fmt::Display| error.to_string();
-    let file = FieldFile::open(&config.field).map_err(|error| words(&error))?;
     if file.receivers().is_none() {
         return Err("the field has none; mark the ground as relume = receiver and bake again".into());
     }
-    let (weights, mut exposed_by) = light(config, behind, &file)?;
-    let mut painter = FieldPainter::new(file.field(), picture(behind, &file)?, 0);
+    let (weights, mut exposed_by) = light(config, behind, file)?;
+    let mut painter = FieldPainter::new(file.field(), picture(behind, file)?, 0);
     painter.show_receivers(file.receivers());
     painter.put_behind(behind.mask.take());
     painter.relight(&weights, 1.0).map_err(|error| words(&error))?;

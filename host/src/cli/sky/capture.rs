@@ -148,7 +148,7 @@ impl<'a> Capturing<'a> {
         if !moment.trusted {
             eprintln!("notice: the clock cannot be right ({}), nor then captured_at", format_utc(moment.unix_s));
         }
-        self.meter.look(&mut self.device, moment.unix_s).or_runtime()?;
+        self.meter.look(&mut self.device, |device| device.at(moment.unix_s)).or_runtime()?;
         let exposures = self.meter.calibration(count, step_stops);
         let limits = self.device.camera().limits();
         let (min, max) = (limits.min_exposure_s, limits.max_exposure_s);
@@ -202,7 +202,7 @@ impl<'a> Capturing<'a> {
         if sun.altitude_deg < MIN_ALTITUDE_DEG {
             return Ok(Some(format!("the sun is not {MIN_ALTITUDE_DEG} degrees high")));
         }
-        if let Err(error) = self.meter.look(&mut self.device, moment.unix_s) {
+        if let Err(error) = self.meter.look(&mut self.device, |device| device.at(moment.unix_s)) {
             return Ok(Some(Failure::Runtime(error).to_string()));
         }
         match self.take(&self.meter.sun_path(), moment) {
@@ -218,8 +218,7 @@ impl<'a> Capturing<'a> {
     /// Takes and writes a frame per exposure; how many did not come. Frames count by the exposure read back, so that those
     /// in which a new one does not show yet are none.
     fn take(&mut self, exposures: &[Exposure], moment: Moment) -> Result<usize, TakeError> {
-        self.device.set_time(moment.unix_s);
-        self.series.take(self.device.camera(), exposures)?;
+        self.series.take(self.device.at(moment.unix_s), exposures)?;
         for frame in self.series.frames() {
             if self.stop.load(Ordering::Relaxed) {
                 break;
