@@ -30,6 +30,9 @@ pub trait Painter {
         None
     }
 
+    /// Keeps to the sun that is shown, whatever was traced meanwhile, until this is lifted.
+    fn hold_sun(&mut self, _is_held: bool) {}
+
     /// Is there work done behind frames (a traced sun) that relighting the same weights would show?
     fn has_news(&mut self) -> bool {
         false

@@ -62,7 +62,10 @@ pub struct Relighter<'f> {
     levels: Levels,
     /// The newest weights at the exposure that they are read at; none before the first reading.
     reading: Option<Box<Levels>>,
+    /// The newest weights; their sun only where it is shown.
     given: PatchWeights,
+    /// The sun of the newest weights, if it is up, shown or not.
+    awaited_sun: Option<SunWeight>,
     /// Room for light whose sun its patches take in, where the field does not answer suns.
     taken_in: Option<PatchWeights>,
     exposure: f32,
@@ -123,6 +126,7 @@ impl<'f> Relighter<'f> {
             levels: Levels::new(&field, kernel),
             reading: None,
             given: PatchWeights { radiance: vec![[0.0; 3]; patches], sun: None },
+            awaited_sun: None,
             taken_in: (!field.answers_sun()).then(|| PatchWeights { radiance: vec![[0.0; 3]; patches], sun: None }),
             exposure: 1.0,
             sun: SunPlane::new(&field),
@@ -200,7 +204,7 @@ impl<'f> Relighter<'f> {
 
     /// Is there a sun whose light is not shown yet, because it is still being traced?
     pub fn awaits_sun(&self) -> bool {
-        self.given.sun.is_some() && self.sun.dir_world().is_none()
+        self.awaited_sun.is_some() && self.given.sun.is_none()
     }
 
     /// Is a tracer at work?
@@ -216,7 +220,7 @@ impl<'f> Relighter<'f> {
 
     /// Has a tracer finished? Then setting the same weights once more takes its work.
     pub fn has_news(&mut self) -> bool {
-        self.given.sun.is_some() && self.sun.has_news()
+        self.awaited_sun.is_some() && self.sun.has_news()
     }
 
     /// Bounds the error, as by default, or not: then nothing is known of it, and every tile is drawn with every frame. For
@@ -279,7 +283,7 @@ impl<'f> Relighter<'f> {
         if !self.has_news()
             && self.settled
             && exposure == self.exposure
-            && sun == self.given.sun
+            && sun == self.awaited_sun
             && given.radiance == self.given.radiance
         {
             self.counters.sun_traced = false;
@@ -288,9 +292,10 @@ impl<'f> Relighter<'f> {
             return Ok(());
         }
         self.started = Instant::now();
-        self.levels.set(&self.field, given, exposure)?;
+        let shown_sun = sun.filter(|sun| self.sun.will_show(sun.dir_world));
+        self.levels.set(&self.field, (&given.radiance, shown_sun), exposure)?;
         self.given.radiance.clone_from(&given.radiance);
-        self.given.sun = sun;
+        (self.given.sun, self.awaited_sun) = (shown_sun, sun);
         self.exposure = exposure;
         self.lights.set(&given.radiance, exposure);
         self.new_weights = true;
@@ -314,12 +319,13 @@ impl<'f> Relighter<'f> {
     fn follow_sun(&mut self) {
         self.counters.sun_up = self.given.sun.is_some();
         self.counters.sun_traced = false;
-        let Some(sun) = self.given.sun else { return };
-        let changes = self.sun.follow(&self.field, sun.dir_world, self.pool.as_ref());
-        self.counters.sun_traced = changes.is_some();
-        for (state, change) in self.states.iter_mut().zip(changes.unwrap_or(&[])) {
+        let Some(sun) = self.awaited_sun else { return };
+        let Some(changes) = self.sun.follow(&self.field, sun.dir_world, self.pool.as_ref()) else { return };
+        self.counters.sun_traced = true;
+        for (state, change) in self.states.iter_mut().zip(changes) {
             state.sun.retraced(change.largest, change.peak);
         }
+        self.blocks.iter_mut().for_each(|block| block.standing.forget());
     }
 
     /// Brings all blocks to the newest weights of their levels.

@@ -201,6 +201,39 @@ fn a_sun_that_is_traced_behind_frames_is_shown_once_it_is_traced() {
     }
 }
 
+/// Pictures of frames that wait for a tracer can be made again from what they showed alone, bit for bit, so that they also skip
+/// the same tiles: in a sun that goes on, stands still, and is moved as by a clock that is set.
+#[test]
+fn frames_of_a_sun_traced_behind_them_can_be_made_again() {
+    let field = Field::new(yard()).unwrap();
+    let (width, height) = (field.width(), field.height());
+    let view = View::new(width, height, vec![0x30_4050; width * height]);
+    let [mut behind, mut again] = [(); 2].map(|()| Relighter::new(field, 1));
+    behind.trace_behind().unwrap();
+    behind.set_sun_step_deg(0.05);
+    let [mut shown, mut replayed] = [(); 2].map(|()| Framebuffer::new(width, height));
+    let (mut seen, mut kept) = ([0; 2], 0);
+    for frame in 0..600u32 {
+        let turn = f64::from(frame % 100) * 0.002 + f64::from(frame / 100 % 3);
+        let drift = 1.0 + 2e-4 * (frame % 90) as f32;
+        let mut weights = random_weights(1, field.patch_set().len());
+        weights.radiance.iter_mut().flatten().for_each(|v| *v *= drift * 5e-4);
+        let dir_world = [0.8 * turn.cos() as f32, 0.6, 0.8 * turn.sin() as f32];
+        weights.sun =
+            weights.sun.map(|sun| SunWeight { dir_world, irradiance: sun.irradiance.map(|v| v * 1e-3 * drift) });
+        behind.set_weights(&weights, 1.0).unwrap();
+        let sun = weights.sun.zip(behind.sun_dir_world());
+        seen[usize::from(sun.is_some())] += 1;
+        weights.sun = sun.map(|(sun, dir_world)| SunWeight { dir_world, ..sun });
+        again.set_weights(&weights, 1.0).unwrap();
+        kept += behind.draw(&view, &mut shown).tiles_kept;
+        again.draw(&view, &mut replayed);
+        assert!(shown == replayed, "frame {frame}");
+        std::thread::sleep(Duration::from_micros(300));
+    }
+    assert!(seen.iter().all(|&frames| frames > 3) && kept > 300, "{seen:?} {kept}");
+}
+
 /// The field with one more layer at its end.
 fn with_layer(bytes: &[u8], kind: [u8; 4], flags: u32) -> Vec<u8> {
     let field = Field::new(bytes).unwrap();

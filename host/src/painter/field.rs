@@ -37,6 +37,8 @@ pub struct FieldPainter<'f> {
     mask: Option<(Mask, Vec<u32>)>,
     /// Has the view changed since the picture was drawn?
     is_view_new: bool,
+    /// Is the sun that is shown to stay?
+    is_sun_held: bool,
     /// Channel values that the exposure is chosen by, reused.
     sampled: Vec<f32>,
 }
@@ -52,6 +54,7 @@ impl<'f> FieldPainter<'f> {
             framebuffer: Framebuffer::new(width, height),
             mask: None,
             is_view_new: true,
+            is_sun_held: false,
             sampled: Vec::new(),
             field,
         }
@@ -139,10 +142,10 @@ impl FieldPainter<'_> {
     /// The picture and the receivers with and without it each have a tracer. A picture in the sun over ground that is still
     /// without it, or exposed by such ground, would flash: what the tracers find is taken when all of them are done.
     fn take_suns_together(&mut self) {
-        let is_tracing = self.is_tracing();
-        self.relighter.hold_sun(is_tracing);
+        let is_held = self.is_tracing() | self.is_sun_held;
+        self.relighter.hold_sun(is_held);
         if let Some(receivers) = &mut self.receivers {
-            receivers.hold_sun(is_tracing);
+            receivers.hold_sun(is_held);
         }
     }
 
@@ -193,6 +196,10 @@ impl Painter for FieldPainter<'_> {
 
     fn sun_dir_world(&self) -> Option<[f32; 3]> {
         self.relighter.sun_dir_world()
+    }
+
+    fn hold_sun(&mut self, is_held: bool) {
+        self.is_sun_held = is_held;
     }
 
     fn has_news(&mut self) -> bool {

@@ -54,6 +54,8 @@ impl Post<'_> {
         let (mut used, mut passes) = ([0.0; 2], 0);
         while let Some(exposure) = self.next_exposure(passes) {
             self.balance();
+            // The passes of one light have one sun: that is what the log tells.
+            self.parts.painter.hold_sun(passes > 0);
             match self.parts.painter.relight(&self.balanced, exposure) {
                 Ok(note) => self.note = note,
                 Err(error) => return self.refuse(error),

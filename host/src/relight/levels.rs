@@ -8,7 +8,9 @@ use relume_firmware::kernel::Kernel;
 use relume_firmware::levels::{LEVELS, apart};
 use relume_firmware::tile::Tile;
 use relume_firmware::wayback::RowFacts;
-use relume_firmware::weights::{Apart, FixedWeights, MAX_STANDOUTS, MOST_STANDOUTS, WeightError, WeightStep};
+use relume_firmware::weights::{
+    Apart, FixedWeights, MAX_STANDOUTS, MOST_STANDOUTS, SunWeight, WeightError, WeightStep,
+};
 
 /// The weights of one moment on one level.
 pub(super) struct Level {
@@ -144,12 +146,17 @@ impl Levels {
         self.stepped.then_some(&self.step)
     }
 
-    /// Takes the weights of a new moment.
-    pub(super) fn set(&mut self, field: &Field<'_>, given: &PatchWeights, exposure: f32) -> Result<(), WeightError> {
+    /// Takes the weights of a new moment: the sky's radiance, and the sun that is shown.
+    pub(super) fn set(
+        &mut self,
+        field: &Field<'_>,
+        (radiance, sun): (&[[f32; 3]], Option<SunWeight>),
+        exposure: f32,
+    ) -> Result<(), WeightError> {
         let mut room = [Apart::default(); MOST_STANDOUTS];
-        let apart = apart(0, field, &given.radiance, self.kernel, &mut room);
+        let apart = apart(0, field, radiance, self.kernel, &mut room);
         self.before.clone_from(&self.levels[0].weights);
-        self.levels[0].weights.set(&given.radiance, given.sun.as_ref(), exposure, apart)?;
+        self.levels[0].weights.set(radiance, sun.as_ref(), exposure, apart)?;
         self.levels.iter_mut().for_each(|level| level.ready = false);
         self.stepped = self.step.set(&self.before, &self.levels[0].weights);
         self.finish(field, 0);

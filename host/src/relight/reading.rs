@@ -60,7 +60,7 @@ impl Relighter<'_> {
         let exposure = reading_exposure(&self.given, &self.field);
         let levels = self.reading.get_or_insert_with(|| Box::new(Levels::new(&self.field, self.kernel)));
         // The same weights were accepted before, and the exposure is finite.
-        levels.set(&self.field, &self.given, exposure).ok()?;
+        levels.set(&self.field, (&self.given.radiance, self.given.sun), exposure).ok()?;
         for level in 1..=levels.top() {
             if self.blocks.iter().any(|block| block.level == level) {
                 levels.prepare(&self.field, level, &self.given, exposure);

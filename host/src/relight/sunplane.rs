@@ -87,33 +87,41 @@ impl SunPlane {
         self.tracer.as_mut().is_some_and(SunTracer::is_ready)
     }
 
+    /// Will there be a plane of about this direction once it is followed? Until then light is shown as if it had no sun, so
+    /// that pictures depend on what they show alone, not on what waited.
+    pub(super) fn will_show(&mut self, dir_world: [f32; 3]) -> bool {
+        match &mut self.tracer {
+            Some(tracer) => {
+                let ready = tracer.ready_dir_world().filter(|_| !self.is_held);
+                ready.into_iter().chain(self.dir_world).any(|traced| is_near(traced, dir_world))
+            }
+            None => true,
+        }
+    }
+
     /// Traces the plane for this direction if it is further from the traced one than the step, or has it traced and takes
-    /// what is ready, and nothing while no plane of about this direction is; returns what changed.
+    /// what was ready when [`SunPlane::will_show`] was asked, unless the sun has gone far from it; returns what changed.
     pub(super) fn follow(
         &mut self,
         field: &Field<'_>,
         dir_world: [f32; 3],
         pool: Option<&rayon::ThreadPool>,
     ) -> Option<&[Change]> {
-        let is_far = |old: [f32; 3], step_deg| old != dir_world && angle_deg(old, dir_world) >= step_deg;
-        let moved = |from: Option<[f32; 3]>| from.is_none_or(|old| is_far(old, self.step_deg));
+        let step_deg = self.step_deg;
+        let moved =
+            |from: Option<[f32; 3]>| from.is_none_or(|old| old != dir_world && angle_deg(old, dir_world) >= step_deg);
         if let Some(tracer) = &mut self.tracer {
             if self.is_held {
                 return None;
             }
-            let taken = tracer.take(&mut self.fresh);
-            let newest = taken.or(self.dir_world);
-            if moved(newest) {
+            let taken = tracer.known_dir_world();
+            if taken.is_some() {
+                tracer.take(&mut self.fresh);
+            }
+            if moved(taken.or(self.dir_world)) {
                 tracer.ask(dir_world);
             }
-            let shown = newest.filter(|&old| !is_far(old, FAR_DEG));
-            if taken.is_none() && shown == self.dir_world {
-                return None;
-            }
-            if shown.is_none() {
-                self.fresh.fill(0);
-            }
-            self.dir_world = shown;
+            self.dir_world = Some(taken.filter(|&traced| is_near(traced, dir_world))?);
         } else {
             if !moved(self.dir_world) {
                 return None;
@@ -125,6 +133,10 @@ impl SunPlane {
         std::mem::swap(&mut self.values, &mut self.fresh);
         Some(&self.changes)
     }
+}
+
+fn is_near(traced: [f32; 3], dir_world: [f32; 3]) -> bool {
+    traced == dir_world || angle_deg(traced, dir_world) < FAR_DEG
 }
 
 /// Room for the light on the bounce points, in the upper half, and its means up their tree.

@@ -46,26 +46,35 @@ impl SunTracer {
 
     /// Is a plane under way?
     pub(super) fn is_tracing(&mut self) -> bool {
-        self.is_ready();
+        self.ready_dir_world();
         self.under_way
     }
 
     /// Is a plane ready?
     pub(super) fn is_ready(&mut self) -> bool {
+        self.ready_dir_world().is_some()
+    }
+
+    /// The direction of the plane that is ready.
+    pub(super) fn ready_dir_world(&mut self) -> Option<[f32; 3]> {
         if self.under_way
             && let Ok(plane) = self.traced.try_recv()
         {
             self.ready = Some(plane);
             self.under_way = false;
         }
-        self.ready.is_some()
+        self.known_dir_world()
     }
 
-    /// Exchanges `plane` for one that is ready, and gives its direction.
-    pub(super) fn take(&mut self, plane: &mut Vec<u16>) -> Option<[f32; 3]> {
-        self.is_ready();
-        let (dir_world, ready) = self.ready.take()?;
-        self.spare = std::mem::replace(plane, ready);
-        Some(dir_world)
+    /// The same as when it was last looked.
+    pub(super) fn known_dir_world(&self) -> Option<[f32; 3]> {
+        self.ready.as_ref().map(|(dir_world, _)| *dir_world)
+    }
+
+    /// Exchanges `plane` for the one that was last known to be ready.
+    pub(super) fn take(&mut self, plane: &mut Vec<u16>) {
+        if let Some((_, ready)) = self.ready.take() {
+            self.spare = std::mem::replace(plane, ready);
+        }
     }
 }
