@@ -75,6 +75,25 @@ fn a_synthetic_camera_lights_the_post_too() {
     assert_eq!(health["weights"], "fresh", "{health}");
 }
 
+/// More than rounding is always left, so that the least budget there is cannot be kept everywhere; a generous one can.
+#[test]
+fn a_post_tells_which_error_budget_its_field_cannot_keep() {
+    let told_of = |codes: &str| {
+        let name = format!("budget-{codes}");
+        let budget =
+            format!("[budget]\nerror_codes = {codes}\n[run]\nstart = 2026-06-21T09:00:00Z\nstep_s = 60\nframes = 3\n");
+        let told = relume_in(field(), &["run", &post(&name, "simulated", &budget), "--json"]).well();
+        let report: serde_json::Value = serde_json::from_str(&told.stdout).unwrap();
+        let (frame, note) = (report["health"]["frame"].clone(), report["health"]["note"].to_string());
+        (frame["bound_codes"].as_f64().unwrap(), frame["tiles_beyond_budget"].as_u64().unwrap(), note)
+    };
+    let (bound, tiles, note) = told_of("0.6");
+    assert!(bound > 0.6 && tiles > 0, "{bound} {tiles}");
+    assert!(note.contains(&format!("{tiles} tiles cannot be held to the error budget")), "{note}");
+    let (bound, tiles, note) = told_of("4");
+    assert!(bound <= 4.0 && tiles == 0 && !note.contains("budget"), "{bound} {tiles} {note}");
+}
+
 #[test]
 fn check_tells_a_good_post_from_a_bad_one() {
     let good = post("good", "simulated", "[run]\nstart = 2026-06-21T09:00:00Z\n");

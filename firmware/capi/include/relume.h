@@ -323,6 +323,24 @@ enum relume_error relume_set_error_budget(struct relume *object,
 enum relume_error relume_restore(struct relume *object,
                                  uint32_t *blocks);
 
+// Tells the library what the processor can do beyond what every processor of its kind can, and makes it use that from the next
+// call on: `hwcap` is what `getauxval(AT_HWCAP)` gives on 64-bit Arm Linux, where a program without an operating system's help
+// cannot ask for it (with `sdot` frames take less time there). Pictures are the same, bit for bit. Other processors are asked
+// by the library itself, and `hwcap` is ignored there.
+//
+// # Safety
+// `object` is null or came from `relume_open`, its memory is still there, and nobody else uses it meanwhile; every core that
+// it is used on can do what `hwcap` says.
+enum relume_error relume_use_processor(struct relume *object,
+                                       uint64_t hwcap);
+
+// The name of the instructions in use, for reports: `scalar`, `avx2`, `avx512`, `neon` or `neon-dot`, for ever valid; NULL
+// without an open object.
+//
+// # Safety
+// As `relume_info`.
+const char *relume_processor_name(const struct relume *object);
+
 #ifdef __cplusplus
 }  // extern "C"
 #endif  // __cplusplus

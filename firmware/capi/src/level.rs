@@ -64,11 +64,10 @@ impl Levels {
     pub fn set(
         &mut self,
         field: &Field<'_>,
-        radiance: &[[f32; 3]],
-        sun: Option<SunWeight>,
-        exposure: f32,
+        (radiance, sun, exposure): (&[[f32; 3]], Option<SunWeight>, f32),
+        kernel: Kernel,
     ) -> Result<(), WeightError> {
-        self.set_level(field, 0, (radiance, sun, exposure))?;
+        self.set_level(field, 0, (radiance, sun, exposure), kernel)?;
         self.radiance.copy_from_slice(radiance);
         (self.sun, self.exposure) = (sun, exposure);
         self.levels[1..].iter_mut().for_each(|level| level.is_ready = false);
@@ -76,11 +75,11 @@ impl Levels {
     }
 
     /// Makes a level ready for the newest light.
-    pub fn prepare(&mut self, field: &Field<'_>, level: usize) {
+    pub fn prepare(&mut self, field: &Field<'_>, level: usize, kernel: Kernel) {
         if !self.levels[level].is_ready {
             let radiance = core::mem::take(&mut self.radiance);
             // The same numbers were accepted on level 0.
-            let accepted = self.set_level(field, level, (radiance, self.sun, self.exposure));
+            let accepted = self.set_level(field, level, (radiance, self.sun, self.exposure), kernel);
             debug_assert!(accepted.is_ok());
             self.radiance = radiance;
         }
@@ -91,8 +90,9 @@ impl Levels {
         field: &Field<'_>,
         level: usize,
         (radiance, sun, exposure): (&[[f32; 3]], Option<SunWeight>, f32),
+        kernel: Kernel,
     ) -> Result<(), WeightError> {
-        let (mut room, kernel) = ([Apart::default(); MOST_STANDOUTS], Kernel::detect());
+        let mut room = [Apart::default(); MOST_STANDOUTS];
         let apart = apart(level, field, radiance, kernel, &mut room);
         let level = &mut self.levels[level];
         level.weights.set(radiance, sun.as_ref(), exposure, apart)?;

@@ -16,6 +16,8 @@ mod level;
 mod memory;
 mod object;
 mod pixel;
+#[allow(unsafe_code)]
+pub mod processor;
 mod tile_state;
 pub mod types;
 

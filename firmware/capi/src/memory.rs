@@ -9,6 +9,7 @@ use crate::types::{RELUME_MEMORY_ALIGN, RelumeError};
 use core::ops::Range;
 use relume_firmware::bounce::Rgb;
 use relume_firmware::field::Field;
+use relume_firmware::kernel::Kernel;
 use relume_firmware::tile::BLOCK_TILES;
 use relume_firmware::weights::SunWeight;
 
@@ -157,6 +158,11 @@ impl Relume {
     /// The shared part.
     pub fn relighting(&self) -> &Relighting {
         &self.relighting
+    }
+
+    /// Uses these instructions from now on.
+    pub fn set_kernel(&mut self, kernel: Kernel) {
+        self.relighting.set_kernel(kernel);
     }
 
     /// Takes the light of a moment.

@@ -94,6 +94,16 @@ impl Relighting {
         &self.field
     }
 
+    /// The instructions in use.
+    pub fn kernel(&self) -> Kernel {
+        self.kernel
+    }
+
+    /// Uses others from now on.
+    pub fn set_kernel(&mut self, kernel: Kernel) {
+        self.kernel = kernel;
+    }
+
     /// Patches without light.
     pub fn patches_dark(&self) -> usize {
         self.levels.get(0).weights.dark_patches()
@@ -135,7 +145,7 @@ impl Relighting {
 
     /// Makes a level ready for the newest light.
     pub fn prepare(&mut self, level: usize) {
-        self.levels.prepare(&self.field, level);
+        self.levels.prepare(&self.field, level, self.kernel);
     }
 
     /// Takes the light of a moment. A sun at or below the horizon, or without irradiance, is none. `false`: it is the same
@@ -149,7 +159,7 @@ impl Relighting {
         if self.levels.is(radiance, sun, exposure) {
             return Ok(false);
         }
-        self.levels.set(&self.field, radiance, sun, exposure)?;
+        self.levels.set(&self.field, (radiance, sun, exposure), self.kernel)?;
         let sun = sun.filter(|sun| sun.dir_world[1] >= 0.0);
         self.light += 1;
         self.sun_is_up = sun.is_some();

@@ -15,6 +15,7 @@ fn the_header_is_that_of_the_sources() {
         .with_src(package.join("src/memory.rs"))
         .with_src(package.join("src/interface.rs"))
         .with_src(package.join("src/budget.rs"))
+        .with_src(package.join("src/processor.rs"))
         .generate()
         .unwrap();
     let mut made = Vec::new();

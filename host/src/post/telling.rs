@@ -106,7 +106,13 @@ impl Post<'_> {
 
     /// What painter and display want to be known.
     fn notes(&self) -> Option<String> {
-        let notes = [self.note.as_deref(), self.parts.display.note()];
+        let beyond = match self.counters.tiles_beyond_budget {
+            0 => None,
+            tiles => Some(format!(
+                "{tiles} tiles cannot be held to the error budget; bake with a smaller --error, or allow more"
+            )),
+        };
+        let notes = [self.note.as_deref(), self.parts.display.note(), beyond.as_deref()];
         let notes: Vec<&str> = notes.into_iter().flatten().collect();
         (!notes.is_empty()).then(|| notes.join("; "))
     }

@@ -19,6 +19,8 @@ pub struct FrameCounters {
     pub receiver_tiles_drawn: usize,
     /// Tiles whose block took more of the way back than the patches that outshine the sky.
     pub tiles_way_back: usize,
+    /// Tiles whose bound is above the error budget, because the field has no more for them.
+    pub tiles_beyond_budget: usize,
     /// Blocks (2 x 2 tiles) with geometry.
     pub blocks: usize,
     /// Blocks whose coefficients were projected from scratch.

@@ -22,6 +22,7 @@ pub(super) struct Drew {
     pub(super) waiting: usize,
     pub(super) empty: usize,
     pub(super) way_back: usize,
+    pub(super) beyond_budget: usize,
     pub(super) bound_linear: f32,
     pub(super) bound_codes: f32,
 }
@@ -35,6 +36,7 @@ impl Drew {
             waiting: self.waiting + other.waiting,
             empty: self.empty + other.empty,
             way_back: self.way_back + other.way_back,
+            beyond_budget: self.beyond_budget + other.beyond_budget,
             bound_linear: self.bound_linear.max(other.bound_linear),
             bound_codes: self.bound_codes.max(other.bound_codes),
         }
@@ -62,6 +64,8 @@ pub(super) struct Drawing<'a> {
     pub(super) unpacked: &'a [UnpackedRows<'a>],
     /// Is there a time budget? Then it is known what is drawn.
     pub(super) for_time: bool,
+    /// The error budget; infinite without one.
+    pub(super) most_codes: f32,
     pub(super) slope: &'a CodeSlope,
     pub(super) behind: Backdrop<'a>,
     pub(super) rank_limit: Option<usize>,
@@ -112,6 +116,7 @@ impl Drawing<'_> {
             if !state.empty {
                 drew.bound_linear = drew.bound_linear.max(state.shown_bound.0);
                 drew.bound_codes = drew.bound_codes.max(state.shown_bound.1);
+                drew.beyond_budget += usize::from(state.shown_bound.1 > self.most_codes);
             }
         }
         drew

@@ -83,6 +83,7 @@ impl Relighter<'_> {
             tiles_waiting: drew.waiting,
             tiles_empty: drew.empty,
             tiles_way_back: drew.way_back,
+            tiles_beyond_budget: drew.beyond_budget,
             rank_limit: self.rank_limit,
             ..self.counters
         };
@@ -187,6 +188,7 @@ impl Relighter<'_> {
             rank_limit: self.rank_limit,
             tiles_empty: last.tiles_empty,
             tiles_way_back: 0,
+            tiles_beyond_budget: last.tiles_beyond_budget,
             ..self.counters
         };
         same.then_some(kept)
@@ -244,6 +246,7 @@ impl Relighter<'_> {
             sun: self.given.sun.map(|_| (self.sun.plane(), self.shown_sun_q16())),
             unpacked: &unpacked[..count],
             for_time: matches!(self.budget, Budget::Time(_)),
+            most_codes: if let Budget::ErrorCodes(codes) = self.budget { codes } else { f32::INFINITY },
             slope: &self.slope,
             behind: *behind,
             rank_limit: self.rank_limit,

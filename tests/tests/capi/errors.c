@@ -50,6 +50,7 @@ static void handles(opened *it) {
     REFUSED(NULL_POINTER, relume_trace_sun(NULL, 0, 1));
     REFUSED(NULL_POINTER, relume_set_light(NULL, &it->light));
     uint32_t blocks;
+    REFUSED(NULL_POINTER, relume_use_processor(NULL, 0));
     REFUSED(NULL_POINTER, relume_set_error_budget(NULL, 2.0f));
     REFUSED(NULL_POINTER, relume_restore(NULL, &blocks));
     REFUSED(NULL_POINTER, relume_restore(it->object, NULL));

@@ -1,5 +1,8 @@
 /* Frames in each format for the caller to compare; what is skipped, and that damage tells all that was written. */
 #include "check.h"
+#if defined(__aarch64__)
+#include <sys/auxv.h>
+#endif
 
 static void formats(bytes field, const char *folder) {
     const char *names[] = {"xrgb8888", "argb8888", "rgb565", "xrgb2101010"};
@@ -46,6 +49,34 @@ static void lights(bytes field, const char *folder) {
         free(on.data);
         close_field(&it);
     }
+}
+
+/* Pictures are the same by whatever instructions. */
+static void processors(bytes field) {
+    opened it = open_field(field);
+    canvas on[2];
+    EXPECT(relume_processor_name(NULL) == NULL && relume_processor_name(it.object) != NULL);
+    for (int told = 0; told < 2; told++) {
+        if (told) {
+            uint64_t hwcap = 0;
+#if defined(__aarch64__)
+            hwcap = getauxval(AT_HWCAP);
+            EXPECT(strcmp(relume_processor_name(it.object), "neon") == 0);
+#endif
+            DONE(relume_use_processor(it.object, hwcap));
+#if defined(__aarch64__)
+            EXPECT(strcmp(relume_processor_name(it.object), hwcap >> 20 & 1 ? "neon-dot" : "neon") == 0);
+#endif
+        }
+        shine(&it, 4);
+        DONE(relume_trace_sun(it.object, 0, it.info.bands));
+        on[told] = make_canvas(&it, RELUME_FORMAT_XRGB8888);
+        DONE(relume_relight(it.object, &on[told].frame, 0, it.info.bands, NULL));
+    }
+    EXPECT(memcmp(on[0].data, on[1].data, on[0].length) == 0);
+    free(on[0].data);
+    free(on[1].data);
+    close_field(&it);
 }
 
 /* Frames within an error budget: more light apart, less, and more again; the caller makes the same of the same lights. */
@@ -257,6 +288,7 @@ static void drift(bytes field, unsigned seed) {
 
 void check_frames(bytes field, const char *folder) {
     formats(field, folder);
+    processors(field);
     lights(field, folder);
     budgets(field, folder);
     facts(field, folder);
