@@ -83,6 +83,10 @@ pub struct Options {
     pub stack: Option<PathBuf>,
     /// Radiance maps to light it with; nine simulated skies are always added.
     pub skies: Vec<SkyMap>,
+    /// Error budgets, 8-bit codes; none: [`Budget::ERRORS`].
+    pub error_codes: Vec<f32>,
+    /// Time budgets for a sky that clouds over, milliseconds a frame; none: shares of what a full frame takes.
+    pub times_ms: Vec<f64>,
     /// Leave out the run beyond the caches.
     pub in_cache_only: bool,
     /// Size of the last-level cache, bytes, where the system's answer is not to be taken.
@@ -116,12 +120,12 @@ pub fn run(options: &Options) -> anyhow::Result<BenchReport> {
     let pool = rival::pool(study::THREADS.into_iter().max().unwrap_or(1))?;
     let (rivals, notes) = rivals.into_methods(field.patch_set(), &pool, stack.is_some());
     notes.iter().for_each(|note| remark(note));
-    let own = own_methods(field, own_at, &covered)?;
+    let own = own_methods(field, own_at, &covered, &options.error_codes)?;
     let cache_bytes = options.last_level_cache_bytes.or_else(cache::last_level_bytes).unwrap_or(0);
     let scale = study::Scale { covered_px: covered.len(), bandwidth: bandwidth::read_bandwidth(cache_bytes)? };
     let ground = beyond::Ground { path: &options.field, field, cache_bytes, covered: &covered, scale };
     let mut report = both_conditions(&ground, rivals, own, &skies, options.in_cache_only)?;
-    further_sections(&mut report, field, stack.as_ref(), &covered, &skies)?;
+    further_sections(&mut report, field, stack.as_ref(), (&covered, &skies), &options.times_ms)?;
     Ok(report)
 }
 
@@ -130,12 +134,17 @@ fn own_methods<'f>(
     field: Field<'f>,
     own_at: impl Fn(Budget) -> relume::Relume<'f>,
     covered: &[u32],
+    error_codes: &[f32],
 ) -> anyhow::Result<Vec<Box<dyn Method + 'f>>> {
-    let errors = if field.bounds().is_some() { Budget::ERRORS.as_slice() } else { &[] };
-    if errors.is_empty() {
-        remark("error budgets are left out: the field has no bounds");
-    }
-    let all = Budget::RANKS.iter().chain(errors).copied();
+    let errors = match (field.bounds(), error_codes) {
+        (None, _) => {
+            remark("error budgets are left out: the field has no bounds");
+            Vec::new()
+        }
+        (_, []) => Budget::ERRORS.to_vec(),
+        (_, codes) => codes.iter().map(|&codes| Budget::Codes(codes)).collect(),
+    };
+    let all = Budget::RANKS.into_iter().chain(errors);
     let one = |budget: Budget| -> anyhow::Result<Box<dyn Method + 'f>> {
         if !budget.learns() {
             return Ok(Box::new(own_at(budget)));
@@ -151,8 +160,8 @@ fn further_sections(
     report: &mut BenchReport,
     field: Field<'_>,
     stack: Option<&Stack>,
-    covered: &[u32],
-    skies: &[BenchSky],
+    (covered, skies): (&[u32], &[BenchSky]),
+    times_ms: &[f64],
 ) -> anyhow::Result<()> {
     let of = |name: &str| skies.iter().find(|sky| sky.name == name);
     let (Some(clear), Some(overcast)) = (of(skies::CLEAR), of(skies::OVERCAST)) else {
@@ -164,9 +173,9 @@ fn further_sections(
         report.lights = arbitrary::run(stack, field, covered, clear)?;
     }
     let without = |sky: &BenchSky| PatchWeights { sun: None, ..sky.weights.clone() };
-    report.skipping.push(skipping::run(field, covered, &without(clear), &without(overcast))?);
+    report.skipping.push(skipping::run(field, covered, (&without(clear), &without(overcast)), times_ms)?);
     if clear.has_sun() {
-        report.skipping.push(skipping::run(field, covered, &clear.weights, &overcast.weights)?);
+        report.skipping.push(skipping::run(field, covered, (&clear.weights, &overcast.weights), times_ms)?);
     }
     Ok(())
 }

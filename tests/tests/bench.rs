@@ -122,7 +122,16 @@ fn further_sections_hold(report: &Value) {
 
 #[test]
 fn without_a_stack_errors_are_null_and_times_are_there() {
-    let report = measured(&["--in-cache-only"]);
+    let report = measured(&["--in-cache-only", "--error-codes", "3", "--time-ms", "0.05", "--time-ms", "2"]);
+    let budgets: Vec<&Value> = named(&report["methods"], "relume").into_iter().map(|m| &m["budget"]).collect();
+    assert_eq!(budgets, ["2 ranks", "4 ranks", "8 ranks", "all ranks", "error 3 codes"]);
+    let times: Vec<f64> = report["skipping"][0]["in_time"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|t| t["allowed_ms"].as_f64().unwrap())
+        .collect();
+    assert!(times.len() == 2 && (times[0] - 0.05).abs() < 1e-9 && (times[1] - 2.0).abs() < 1e-9, "{times:?}");
     assert!(report["beyond_cache"].is_null() && report["bounds"].is_null() && report["lights"].is_null());
     assert!(!report["skipping"].as_array().unwrap().is_empty());
     for method in report["methods"].as_array().unwrap() {
@@ -138,6 +147,7 @@ fn without_a_stack_errors_are_null_and_times_are_there() {
 #[test]
 fn bad_arguments_are_named() {
     relume_in(baked(), &["bench", "a.field", "--cache", "0"]).refused(2, &["--cache 0"]);
+    relume_in(baked(), &["bench", "a.field", "--error-codes", "0.5"]).refused(2, &["--error-codes 0.5"]);
     relume_in(baked(), &["bench", "a.field", "--sky", "none.hdr@10"]).refused(2, &["none.hdr"]);
     relume_in(baked(), &["bench", "a.field", "--plot", "no/such/folder.png"]).refused(2, &["folder.png"]);
 }

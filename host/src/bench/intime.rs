@@ -10,7 +10,7 @@ use crate::weights::PatchWeights;
 use relume_firmware::field::Field;
 use std::time::Duration;
 
-/// Time allowed, of what a full frame takes.
+/// Time allowed, of what a full frame takes, unless other times are asked for.
 const SHARES: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 /// Frames of the change; a frame in so many is compared with one in which nothing waits.
 const FRAMES: usize = 300;
@@ -37,7 +37,7 @@ pub struct InTime {
     pub frames_until_finished: usize,
 }
 
-/// The change from `clear` to `overcast` under every time budget.
+/// The change from `clear` to `overcast` under every time budget: `times_ms`, or [`SHARES`] of `full_s`.
 ///
 /// # Errors
 /// If the field refuses the weights or a budget.
@@ -45,10 +45,12 @@ pub(super) fn run(
     trial: &mut Trial<'_>,
     field: Field<'_>,
     (clear, overcast): (&PatchWeights, &PatchWeights),
-    full_s: f64,
+    (full_s, times_ms): (f64, &[f64]),
 ) -> anyhow::Result<Vec<InTime>> {
-    let one = |&share: &f64| in_time(trial, Stage::new(field), (clear, overcast), (share, share * full_s));
-    SHARES.iter().map(one).collect()
+    let asked = times_ms.iter().map(|ms| 1e-3 * ms / full_s);
+    let shares: Vec<f64> = if times_ms.is_empty() { SHARES.to_vec() } else { asked.collect() };
+    let one = |share: f64| in_time(trial, Stage::new(field), (clear, overcast), (share, share * full_s));
+    shares.into_iter().map(one).collect()
 }
 
 fn in_time(
@@ -96,7 +98,7 @@ impl std::fmt::Display for InTime {
         let bound = self.bound_codes_worst.map_or("no bound".to_owned(), |codes| format!("bound {codes:.2} codes"));
         writeln!(
             f,
-            "the same in {:.3} ms ({} of a full frame): {:.3} ms, 95 % within {:.3}; tiles waiting {:.1}; {bound}, true {:.2}; \
+            "the same in {:.3} ms ({:.2} of a full frame): {:.3} ms, 95 % within {:.3}; tiles waiting {:.1}; {bound}, true {:.2}; \
              finished after {} frames more",
             self.allowed_ms,
             self.share_of_full_frame,

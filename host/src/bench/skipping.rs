@@ -143,15 +143,15 @@ pub(super) struct Trial<'a> {
     pub(super) exposure: f32,
 }
 
-/// Measures from a clear sky towards an overcast one. A sun stays where it is.
+/// Measures from a clear sky towards an overcast one, also within `times_ms`, milliseconds a frame. A sun stays where it is.
 ///
 /// # Errors
 /// If the field refuses the weights, or the sky lights nothing.
 pub fn run(
     field: Field<'_>,
     covered: &[u32],
-    clear: &PatchWeights,
-    overcast: &PatchWeights,
+    (clear, overcast): (&PatchWeights, &PatchWeights),
+    times_ms: &[f64],
 ) -> anyhow::Result<SkippingReport> {
     let mut other = Stage::new(field);
     let exposure = exposure_for(&other.radiance(clear, covered)?).context("the clear sky lights nothing")? as f32;
@@ -170,7 +170,7 @@ pub fn run(
         clear_to_overcast: trial.ramp(clear, overcast)?,
         still_sky: still,
         live_view: live,
-        in_time: intime::run(&mut trial, field, (clear, overcast), full_s)?,
+        in_time: intime::run(&mut trial, field, (clear, overcast), (full_s, times_ms))?,
     })
 }
 

@@ -8,7 +8,8 @@ use std::path::PathBuf;
 pub(super) const COMMAND: Command = Command {
     name: "bench",
     help: "\
-relume bench FIELD [--stack STACK_DIR] [--sky MAP[@DEG]]... [--in-cache-only] [--cache MIB] [--plot OUT.png] [--json]
+relume bench FIELD [--stack STACK_DIR] [--sky MAP[@DEG]]... [--error-codes N]... [--time-ms T]... [--in-cache-only]
+             [--cache MIB] [--plot OUT.png] [--json]
 relume bench FIELD --loop-only [--json]
 
 Time per frame for several budgets against error, on one thread and two, beside rivals that make the same picture from the
@@ -21,6 +22,9 @@ bound below the true error is a failure (exit code 1).
   --sky MAP[@DEG]     a lat-long radiance map, turned about +Y by DEG; may be given more than once.
                       Nine simulated skies are added: six with the sun where the stack has it, three without.
                       A sun that stands elsewhere than the stack's is left out on both sides.
+  --error-codes N     an error budget, 8-bit codes; may be given more than once (4, 2 and 1.5)
+  --time-ms T         a time budget for a sky that clouds over, milliseconds a frame; may be given more than once (a quarter,
+                      half, all and twice of what a full frame takes)
   --in-cache-only     leaves out the run beyond the caches: copies of the field in turn, four times the last-level cache
   --cache MIB         size of the last-level cache, where the system's own answer is not to be taken
   --loop-only         nothing but the loop of a post under a still sky at 30 frames a second, over a still and over a live
@@ -78,6 +82,8 @@ fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
         match arg {
             Long("stack") => options.stack = Some(parser.value()?.into()),
             Long("sky") => options.skies.push(SkyMap::parse(&parser.value()?)),
+            Long("error-codes") => options.error_codes.push(number(&mut parser, "--error-codes", 0.6..=255.0)? as f32),
+            Long("time-ms") => options.times_ms.push(number(&mut parser, "--time-ms", 0.01..=10_000.0)?),
             Long("in-cache-only") => options.in_cache_only = true,
             Long("loop-only") => loop_only = true,
             Long("cache") => {
