@@ -2,7 +2,7 @@
 
 use crate::outfile::{OutError, write_whole};
 use crate::post::LatencyParts;
-use crate::relight::FrameCounters;
+use crate::relight::{CounterTotals, FrameCounters};
 use crate::sky_source::{SeriesReport, SunSource};
 use crate::view::gain::ViewGain;
 use serde::Serialize;
@@ -120,6 +120,8 @@ pub struct Health {
     pub latency_mean_parts: Option<LatencyParts>,
     /// What the newest frame did, what it was spared, and the bound on its error.
     pub frame: FrameCounters,
+    /// The same, summed up since the start.
+    pub totals: CounterTotals,
     /// Something that is not a fault but should be known, such as a sun outside the field's band.
     pub note: Option<String>,
 }

@@ -12,7 +12,7 @@ use crate::labels::{Labels, News};
 use crate::lightlog::LightLog;
 use crate::outfile::clear_leftovers;
 use crate::painter::Painter;
-use crate::relight::FrameCounters;
+use crate::relight::{CounterTotals, FrameCounters};
 use crate::sky_source::{SkyReading, SkySource};
 use crate::sun::{SunPosition, position_of};
 use crate::view::gain::ViewGain;
@@ -110,6 +110,9 @@ pub struct Post<'p> {
     frames: u64,
     frames_changed: u64,
     counters: FrameCounters,
+    totals: CounterTotals,
+    /// Was the newest light exposed anew?
+    is_exposed_anew: bool,
     exposure_changes: u64,
     sky_faults: u64,
 }
@@ -152,6 +155,8 @@ impl<'p> Post<'p> {
             frames: 0,
             frames_changed: 0,
             counters: FrameCounters::default(),
+            totals: CounterTotals::default(),
+            is_exposed_anew: false,
             exposure_changes: 0,
             sky_faults: 0,
             parts,
@@ -239,6 +244,7 @@ impl<'p> Post<'p> {
             self.damage.clear();
         }
         self.counters = self.parts.painter.draw(&mut self.damage).or_runtime()?;
+        self.totals.add(&self.counters, std::mem::take(&mut self.is_exposed_anew));
         let (width, height) = self.parts.painter.size();
         self.copy_damaged(width);
         self.label(moment)?;

@@ -22,7 +22,7 @@ mod waiting;
 
 pub use budget::{Budget, BudgetError};
 pub use buffers::{Framebuffer, Picture, View};
-pub use counters::FrameCounters;
+pub use counters::{CounterTotals, FrameCounters};
 pub use file::{FieldFile, FieldFileError};
 pub use receivers::{ReceiverLight, Untold};
 pub use shading::{Backdrop, Shading};
@@ -286,9 +286,7 @@ impl<'f> Relighter<'f> {
             && sun == self.awaited_sun
             && given.radiance == self.given.radiance
         {
-            self.counters.sun_traced = false;
-            self.counters.patches_changed = 0;
-            self.counters.count_blocks([0; 3]);
+            self.counters.count_no_light();
             return Ok(());
         }
         self.started = Instant::now();

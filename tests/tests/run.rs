@@ -50,6 +50,12 @@ fn a_simulated_day_is_shown_from_night_to_noon() {
     let told = relume_in(field(), &["run", &file, "--json"]).well();
     let report: serde_json::Value = serde_json::from_str(&told.stdout).unwrap();
     assert_eq!(report["frames"], 5, "{}", told.stdout);
+    let totals = &report["health"]["totals"];
+    let total = |name: &str| totals[name].as_u64().unwrap();
+    let tiles: u64 = ["tiles_drawn", "tiles_kept", "tiles_empty"].map(total).iter().sum();
+    assert_eq!((tiles, total("tiles_drawn_exposed_anew")), (5 * 12, 0), "{totals}");
+    assert!(total("tiles_drawn") > 12 && total("blocks_projected") > 0, "{totals}");
+    assert!(told.stderr.contains(&format!("tiles: {} drawn", total("tiles_drawn"))), "{}", told.stderr);
     let folder = field().join("day");
     let pictures: Vec<String> = names(&folder).into_iter().filter(|name| name.ends_with(".png")).collect();
     let expected: Vec<String> = (0..5).map(|k| format!("frame_{k:06}.png")).collect();

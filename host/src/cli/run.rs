@@ -58,6 +58,7 @@ fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     let signals = listen()?;
     let report = run(&config, setup, &signals)?;
     eprintln!("{} frames, {} drawn anew; ended: {}", report.frames, report.frames_changed, report.ended);
+    eprintln!("{}", report.health.totals);
     if json { super::say_json(&report) } else { Ok(()) }
 }
 

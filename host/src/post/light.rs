@@ -94,6 +94,7 @@ impl Post<'_> {
                 let changes = self.follow_view()
                     || self.exposure.is_auto() && self.exposure.see(self.parts.painter.wanted_exposure());
                 self.exposure_changes += u64::from(changes);
+                self.is_exposed_anew |= changes;
                 changes.then(|| self.exposure.factor())
             }
         }

@@ -100,6 +100,7 @@ impl Post<'_> {
             latency_parts: self.latency.parts,
             latency_mean_parts: self.latency.mean_parts,
             frame: self.counters,
+            totals: self.totals,
             note: self.notes(),
         }
     }

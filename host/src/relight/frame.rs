@@ -38,6 +38,9 @@ impl Relighter<'_> {
         if !only_view {
             self.find_standing();
         }
+        if !self.new_weights {
+            self.counters.count_no_light();
+        }
         if let Budget::Time(allowed) = self.budget {
             self.choose(behind, started, allowed);
         }
@@ -191,7 +194,7 @@ impl Relighter<'_> {
             tiles_beyond_budget: last.tiles_beyond_budget,
             ..self.counters
         };
-        same.then_some(kept)
+        same.then_some(kept.without_light())
     }
 
     /// Finds what has changed, and lets wait what does not get done in the time that is left.
