@@ -30,7 +30,7 @@ relume-bake: makes the field that a post relights.
       --materials M    gltf: metallic-roughness and normal maps as glTF 2.0 defines them (the default), or
                        lambert: base colour alone
       --max-hits N     most surface hits of a light path, 0 for no limit (0)
-      --site LAT,LON   the post's place, noted in the field
+      --site LAT,LON   the post's place: the field is meant for the suns of that latitude, and a post shows others there
       --stack DIR      also write the uncompressed stack (EXR) there
       --sun AZ,ALT     with --stack: also sun.exr for that sun, degrees
       --sun-paths N    light paths from each of a pixel's 16 points that find its indirect sunlight (80)

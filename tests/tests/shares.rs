@@ -60,6 +60,14 @@ fn shares_join_to_the_field_of_one_bake() {
     assert!(bytes(&folder.join("joined.field")) == bytes(&folder.join("whole.field")), "the bytes differ");
 
     share("0..13", "d").refused(2, &["--tiles", "13", "12 tiles"]);
+    // What would do nothing is not passed over in silence.
+    for (option, value) in [("--preview", "x.png"), ("--report", "x"), ("--stack", "x"), ("--sun", "130,40")] {
+        bake_in(&folder, &args("plan", "x.toml", &[option, value])).refused(2, &["plan", option, "does nothing here"]);
+    }
+    bake_in(&folder, &args("plan", "x.toml", &["--resume"])).refused(2, &["--resume does nothing here"]);
+    let more = ["scene", "--plan", "plans/a.toml", "--tiles", "0..1", "-o", "d", "--seed", "3"];
+    bake_in(&folder, &more).refused(2, &["scene --plan: --seed does nothing here", "the plan's"]);
+    bake_in(&folder, &["merge", "plans/a.toml", "a", "-o", "x", "--error", "1%"]).refused(2, &["merge: --error"]);
     merge("plans/a.toml", &["c", "a"], "x").refused(2, &["tiles 1..7", "none of the shares"]);
     merge("plans/a.toml", &["c", "a", "whole.field"], "x").refused(2, &["whole.field", "no blocks"]);
     put(&folder.join("cut"), &bytes(&folder.join("b"))[..bytes(&folder.join("b")).len() - 9]);

@@ -37,6 +37,8 @@ pub(super) struct Arguments {
     pub(super) goal: Option<Goal>,
     /// Patches are cut to the scene.
     pub(super) adaptive: bool,
+    /// Names of all options that were given.
+    given: Vec<String>,
 }
 
 impl Arguments {
@@ -44,6 +46,9 @@ impl Arguments {
     pub(super) fn parse(parser: &mut lexopt::Parser) -> Result<Option<Self>, Failure> {
         let mut a = Arguments { shading: Shading::Gltf, ..Arguments::default() };
         while let Some(argument) = parser.next()? {
+            if let Long(name) = &argument {
+                a.given.push((*name).to_owned());
+            }
             match argument {
                 Value(path) => a.files.push(path.into()),
                 Long("camera") => a.camera = Some(parser.value()?.into()),
@@ -75,6 +80,14 @@ impl Arguments {
             }
         }
         Ok(Some(a))
+    }
+
+    /// Refuses options that would do nothing: `command` takes only `known` ones; `why` tells what to do instead.
+    pub(super) fn only(&self, command: &str, known: &[&str], why: &str) -> Result<(), Failure> {
+        match self.given.iter().find(|name| !known.contains(&name.as_str())) {
+            Some(name) => Err(Failure::bad(format!("{command}: --{name} does nothing here; {why}"))),
+            None => Ok(()),
+        }
     }
 
     /// The scene's file, the only one that `command` takes.

@@ -17,6 +17,7 @@ use std::time::Instant;
 
 pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     let Some(arguments) = Arguments::parse(parser)? else { return print(HELP) };
+    arguments.only("merge", &["out", "threads", "json", "report"], "all that makes the field is the plan's")?;
     let Some((plan_file, shares)) = arguments.files.split_first() else {
         return Err(super::arguments::missing("merge", "the plan"));
     };

@@ -12,15 +12,32 @@ use relume_firmware::glue::failure::Failure;
 use relume_firmware::glue::outfile::check_writable;
 use std::path::Path;
 
+/// What a plan is made of.
+const OPTIONS: [&str; 17] = [
+    "camera",
+    "size",
+    "out",
+    "directions",
+    "sphere",
+    "adaptive",
+    "materials",
+    "max-hits",
+    "site",
+    "sun-paths",
+    "error",
+    "noise",
+    "time",
+    "test-sky",
+    "seed",
+    "threads",
+    "json",
+];
+
 pub(super) fn act(parser: &mut lexopt::Parser) -> Result<(), Failure> {
     let Some(arguments) = Arguments::parse(parser)? else { return print(HELP) };
+    arguments.only("plan", &OPTIONS, "it belongs to `relume-bake scene` or `relume-bake merge`")?;
     let (scene_file, out) = (arguments.scene("plan")?, arguments.out("plan")?);
     let options = arguments.options("plan")?;
-    if options.stack.is_some() {
-        return Err(Failure::bad(
-            "plan: --stack does not go with shares; bake a stack in one go with `relume-bake scene`",
-        ));
-    }
     check_writable(out)?;
     let camera_file = arguments.camera.as_deref();
     let (scene, camera, names) = scene_and_camera(scene_file, camera_file, arguments.shading)?;

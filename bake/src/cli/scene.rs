@@ -104,12 +104,11 @@ fn page(folder: &Path, out: &Path, baked: &Baked) -> Result<(), Failure> {
 }
 
 fn bake_share(arguments: &Arguments, plan_file: &Path) -> Result<(), Failure> {
-    let told_twice = arguments.camera.is_some() || arguments.size.is_some() || arguments.goal.is_some();
-    let told_twice = told_twice || arguments.options.stack.is_some() || arguments.adaptive;
-    if !arguments.files.is_empty() || told_twice {
-        return Err(Failure::bad(
-            "scene --plan: scene, camera, size, patches and sampling are the plan's; a share has no stack",
-        ));
+    const WHY: &str =
+        "scene, camera, size, patches and sampling are the plan's, and a share has no stack, page or preview";
+    arguments.only("scene --plan", &["plan", "tiles", "out", "resume", "threads"], WHY)?;
+    if let Some(file) = arguments.files.first() {
+        return Err(Failure::bad(format!("scene --plan: {} is one file too many: {WHY}", file.display())));
     }
     let out = arguments.out("scene")?;
     let numbers = arguments.tiles.clone().ok_or_else(|| missing("scene --plan", "--tiles A..B"))?;
