@@ -64,6 +64,7 @@ pub const KEYS: &[&str] = &[
     "display.rotation_deg",
     "display.format",
     "display.buffers",
+    "display.modesetting",
     "run.start",
     "run.step_s",
     "run.speed",

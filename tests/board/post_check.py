@@ -232,10 +232,15 @@ class PostCheck(Findings):
     def disk_full(self):
         """The state has no room; the picture goes on."""
         self.order("mkdir -p /small; mount -t tmpfs -o size=64k small /small")
-        self.start(health="/small/health.json")
+        # Shown the legacy way, too.
+        self.start(health="/small/health.json", display='buffers = "dumb"\nmodesetting = "legacy"')
         # The state goes through the small disk; a copy of it tells what is there.
         watch = self.board.start("while true; do cp /small/health.json /out/h.tmp && mv /out/h.tmp /out/health.json; sleep 0.3; done")
         self.until("ok")
+        shown_on = self.post.output().split("display: ")[1].splitlines()[0]
+        self.must("legacy" in shown_on, f"modes set the legacy way: {shown_on}")
+        self.board.until(lambda: faults.lights(self) > 3, PATIENCE_S, "a few lights")
+        self.take("legacy")
         self.order("dd if=/dev/zero of=/small/full bs=1k 2>/dev/null; kill -USR1 $(pidof relume)")
         time.sleep(3)
         self.must(self.post.running(), "disk full: the post goes on")

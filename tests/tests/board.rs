@@ -121,8 +121,8 @@ fn live_view_on_the_board(size: &str) {
 #[test]
 #[ignore = "boots a virtual board; tests/run runs it"]
 fn a_post_on_the_board_shows_what_the_bench_shows_and_outlives_every_fault() {
-    // On the first socket by dumb buffers, on the second one, and by GBM.
-    on_the_board("640x480", &[], &["morning", "evening", "moved", "gbm"]);
+    // On the first socket by dumb buffers, on the second one, by GBM, and with modes set the legacy way.
+    on_the_board("640x480", &[], &["morning", "evening", "moved", "gbm", "legacy"]);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::ConfigError;
 use super::reader::Reader;
-use crate::display::config::{BufferKind, KmsConfig, ModeWish, PixelFormat, Rotation};
+use crate::display::config::{BufferKind, KmsConfig, ModeWish, Modesetting, PixelFormat, Rotation};
 use std::path::{Path, PathBuf};
 
 /// Where pictures go.
@@ -38,8 +38,15 @@ impl DisplayConfig {
 }
 
 const HEADLESS_KEYS: [&str; 2] = ["display.folder", "display.every"];
-const KMS_KEYS: [&str; 6] =
-    ["display.card", "display.connector", "display.mode", "display.rotation_deg", "display.format", "display.buffers"];
+const KMS_KEYS: [&str; 7] = [
+    "display.card",
+    "display.connector",
+    "display.mode",
+    "display.rotation_deg",
+    "display.format",
+    "display.buffers",
+    "display.modesetting",
+];
 
 /// The word in `display.mode` for a display that is looked through.
 const ADDITIVE: &str = "additive";
@@ -103,6 +110,7 @@ fn kms(r: &Reader) -> Result<KmsConfig, ConfigError> {
         .ok_or_else(|| r.fault(format!("display.rotation_deg = {degrees}: must be 0, 90, 180 or 270")))?;
     let formats = [("xrgb8888", PixelFormat::Xrgb8888), ("xrgb2101010", PixelFormat::Xrgb2101010)];
     let buffers = [("auto", BufferKind::Auto), ("dumb", BufferKind::Dumb)];
+    let ways = [("auto", Modesetting::Auto), ("legacy", Modesetting::Legacy)];
     Ok(KmsConfig {
         card: r.path("display.card")?,
         connector: r.text("display.connector", 64)?,
@@ -110,5 +118,6 @@ fn kms(r: &Reader) -> Result<KmsConfig, ConfigError> {
         rotation,
         format: r.choice("display.format", &formats)?.unwrap_or_default(),
         buffers: r.choice("display.buffers", &buffers)?.unwrap_or_default(),
+        modesetting: r.choice("display.modesetting", &ways)?.unwrap_or_default(),
     })
 }

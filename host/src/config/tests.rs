@@ -40,6 +40,11 @@ fn a_screen_is_asked_for_by_socket_mode_and_rotation() {
     let DisplayConfig::Kms(screen) = config.display else { panic!("{:?}", config.display) };
     assert_eq!(screen.mode.unwrap().to_string(), "1920x1080@60");
     assert_eq!(screen.rotation, crate::display::config::Rotation::Quarter);
+    let DisplayConfig::Kms(legacy) = load(&format!("{kms}modesetting = 'legacy'\n")).unwrap().display else { panic!() };
+    assert_eq!(
+        (screen.modesetting, legacy.modesetting),
+        (crate::display::config::Modesetting::Auto, crate::display::config::Modesetting::Legacy)
+    );
     refused(&format!("{kms}rotation_deg = 45\n"), &["display.rotation_deg = 45", "0, 90, 180 or 270"]);
     refused(&format!("{kms}mode = 'big'\n"), &["display.mode = \"big\"", "1920x1080"]);
     refused(&format!("{kms}folder = 'out'\n"), &["display.folder", "\"kms\""]);

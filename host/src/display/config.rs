@@ -45,6 +45,16 @@ pub enum BufferKind {
     Dumb,
 }
 
+/// How the kernel is asked to set modes and to flip.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Modesetting {
+    /// Atomically where the card can, else the legacy way.
+    #[default]
+    Auto,
+    /// The legacy way, for a driver whose atomic one fails.
+    Legacy,
+}
+
 /// A screen through DRM/KMS.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct KmsConfig {
@@ -60,6 +70,8 @@ pub struct KmsConfig {
     pub format: PixelFormat,
     /// Whose memory it is.
     pub buffers: BufferKind,
+    /// How modes are set.
+    pub modesetting: Modesetting,
 }
 
 #[cfg(test)]

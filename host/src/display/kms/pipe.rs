@@ -2,6 +2,7 @@
 
 use super::card::Card;
 use super::output::{self, Output, planes};
+use crate::display::config::Modesetting;
 use drm::control::atomic::AtomicModeReq;
 use drm::control::property::{self, Value};
 use drm::control::{AtomicCommitFlags, Device as _, Event, PageFlipFlags, ResourceHandle, crtc, framebuffer, plane};
@@ -43,8 +44,9 @@ pub(super) struct Pipe {
 
 impl Pipe {
     /// Prepares an output; nothing is shown yet.
-    pub(super) fn new(card: &Rc<Card>, output: Output) -> Self {
-        let can = card.set_client_capability(ClientCapability::UniversalPlanes, true).is_ok()
+    pub(super) fn new(card: &Rc<Card>, output: Output, modesetting: Modesetting) -> Self {
+        let can = modesetting == Modesetting::Auto
+            && card.set_client_capability(ClientCapability::UniversalPlanes, true).is_ok()
             && card.set_client_capability(ClientCapability::Atomic, true).is_ok();
         let atomic = if can { Atomic::find(card, &output) } else { None };
         let before = card.get_crtc(output.crtc).ok();

@@ -48,7 +48,7 @@ impl Screen {
         let (rotation, name) = (config.rotation.and(output.orientation), output.name.clone());
         let (width, height) = output.mode.size();
         let size = (usize::from(width), usize::from(height));
-        let pipe = Pipe::new(&card, output);
+        let pipe = Pipe::new(&card, output, config.modesetting);
         if let Some(formats) = pipe.formats()
             && !formats.contains(&(fourcc(config.format) as u32))
         {
