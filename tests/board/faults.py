@@ -70,11 +70,16 @@ def monitor_moved(check):
 def mode_gone(check):
     """The monitor comes back as one that has other modes only: EDID of the kernel's own, read when the driver is bound."""
     gpu, edid = "basename $(readlink -f /sys/class/drm/card0/device)", "/sys/module/drm/parameters/edid_firmware"
-    rebind = f"{gpu} > /tmp/gpu; cat /tmp/gpu > {check.CARD}/unbind; sleep 1; cat /tmp/gpu > {check.CARD}/bind"
-    check.order(f"echo edid/1024x768.bin > {edid}; {rebind}")
+
+    def bound_with(name):
+        check.order(f"{gpu} > /tmp/gpu; cat /tmp/gpu > {check.CARD}/unbind")
+        check.until("display")
+        check.order(f"echo '{name}' > {edid}; cat /tmp/gpu > {check.CARD}/bind")
+
+    bound_with("edid/1024x768.bin")
     check.until("has no mode")
     told = check.health()["state"]
-    check.order(f"echo '' > {edid}; {rebind}")
+    bound_with("")
     took = check.until("ok")
     check.must("1024x768" in told, f"mode gone: {told}; well again after {took:.1f} s")
 

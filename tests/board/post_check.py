@@ -270,7 +270,7 @@ class PostCheck(Findings):
         """Everything, in order: up to `ends` each part finds a running post and leaves one, from there on none."""
         return [
             self.pictures, self.camera_faults, lambda: faults.camera_and_display_gone(self), self.display_faults,
-            lambda: faults.monitor_moved(self), self.clock_faults, self.no_leak, self.ends, self.by_gbm,
+            lambda: faults.monitor_moved(self), lambda: faults.mode_gone(self), self.clock_faults, self.no_leak, self.ends, self.by_gbm,
             lambda: faults.driver_faults(self), self.disk_full, self.by_chance,
         ]
 
