@@ -228,6 +228,15 @@ impl Capture {
         importance
     }
 
+    /// Share of the sky's pixels that are clipped.
+    pub fn clipped_share(&self, merged: &Merged) -> f64 {
+        let counted = merged.state.iter().zip(&self.shares.omegas).filter(|(_, omega)| **omega > 0.0);
+        let (clipped, all) = counted.fold((0usize, 0usize), |(clipped, all), (state, _)| {
+            (clipped + usize::from(*state == PixelState::Clipped), all + 1)
+        });
+        clipped as f64 / all.max(1) as f64
+    }
+
     /// Weights of a merged picture; `sun` is the ephemeris' position, none while the time is not known.
     ///
     /// # Errors

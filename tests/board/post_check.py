@@ -139,6 +139,23 @@ class PostCheck(Findings):
         shutil.copy(self.board.out / "light.jsonl", self.board.out / f"{name}.jsonl")
         self.board.sh("kill -CONT $(pidof relume)")
 
+    def screen(self):
+        """Every seventh byte of what the first socket shows."""
+        return self.board.screendump(self.board.out / "screen.ppm").read_bytes()[15::7]
+
+    def screenshot(self):
+        """A screenshot of the post's own, and what the screen showed before and after it, which must be the same."""
+        shot, dumps = self.board.out / "screenshot.png", [self.board.out / f"shot_{k}.ppm" for k in (0, 1)]
+        for _ in range(20):
+            shot.unlink(missing_ok=True)
+            self.board.screendump(dumps[0])
+            self.order("kill -USR1 $(pidof relume)")
+            self.board.until(shot.exists, PATIENCE_S, "a screenshot")
+            self.board.screendump(dumps[1])
+            if dumps[0].read_bytes() == dumps[1].read_bytes():
+                return
+        raise BoardError("the picture never stands still for a screenshot")
+
     def order(self, script):
         """What a person, or fate, does."""
         self.board.sh(script, PATIENCE_S)
@@ -156,6 +173,7 @@ class PostCheck(Findings):
         self.board.until(lambda: self.shown_sun_x() < 0, PATIENCE_S, "shadows that fall eastwards")
         self.until("ok")
         self.take("evening")
+        self.screenshot()
         evening = self.health()
         self.must(
             evening["sun_azimuth_altitude_deg"][0] > 270 > morning["sun_azimuth_altitude_deg"][0],
@@ -172,17 +190,21 @@ class PostCheck(Findings):
         self.must(files_now <= files and memory_now < memory + LEAK_KB,
                   f"open files and memory before and after all this: {files} and {memory} kB, {files_now} and {memory_now} kB")
 
-    def fault(self, name, do, undo, *words):
-        """A fault comes, is told where `words` are given, and goes; the picture stays up all the while."""
+    def fault(self, name, do, undo, *words, shows=True):
+        """A fault comes, is told where `words` are given, and goes; the picture stays up all the while, if the screen `shows`."""
+        before = self.screen()
         self.order(do)
         if words:
             self.until(*words)
         else:
             time.sleep(2)
-        told = self.health().get("state")
+        told, during = self.health().get("state"), self.screen()
         self.order(undo)
         took = self.until("ok")
-        self.must(True, f"{name}: {told}; well again after {took:.1f} s")
+        light, left = sum(before) / len(before), sum(during) / len(during)
+        is_up = not shows or (0.7 * light < left < 1.4 * light and len(set(during)) > 60)
+        gone = "" if is_up else f"; the screen's mean code went from {light:.0f} to {left:.0f}"
+        self.must(is_up, f"{name}: {told}; well again after {took:.1f} s{gone}")
 
     def camera_faults(self):
         """The camera is lost, hangs and lies."""
@@ -205,10 +227,10 @@ class PostCheck(Findings):
 
     def display_faults(self):
         """The screen goes and comes back."""
-        self.fault("display unplugged", f"echo off > {SOCKET}", f"echo on > {SOCKET}", "display")
+        self.fault("display unplugged", f"echo off > {SOCKET}", f"echo on > {SOCKET}", "display", shows=False)
         find = "basename $(readlink -f /sys/class/drm/card0/device)"
         self.fault("display driver unbound", f"{find} > /tmp/gpu; cat /tmp/gpu > {CARD}/unbind",
-                   f"cat /tmp/gpu > {CARD}/bind", "display")
+                   f"cat /tmp/gpu > {CARD}/bind", "display", shows=False)
         second = self.board.sh("relume check /out/POST.toml", PATIENCE_S, check=False)
         refused = [line for line in second.output.splitlines() if line.startswith("BAD  display")]
         self.must(second.status == 2 and "another program" in str(refused), f"a second program: {refused}")
@@ -223,10 +245,12 @@ class PostCheck(Findings):
 
     def ends(self):
         """It ends when told."""
+        last = self.screen()
         # Programs that look for a process take longer to start here than a post to end.
         done = self.board.sh("look() { read now rest < /proc/uptime; echo $now; }; post=$(pidof relume); look; kill -TERM $post; "
                              "while [ -d /proc/$post ]; do usleep 5000; done; look")
         begun, ended = (float(line) for line in done.output.split())
+        self.must(self.screen() != last, "the console is back on the screen")
         self.must(self.post.wait().status == 0, f"SIGTERM: ends with 0 after {ended - begun:.2f} s")
 
     def disk_full(self):

@@ -97,6 +97,9 @@ fn on_the_board(size: &str, more: &[&str], taken: &[&str]) {
         eprintln!("{size} {name}: {differing:?} pixels differ from the pictures of the last light and the one before");
         assert!(differing.contains(&0), "{size} {name}: {differing:?} pixels differ");
     }
+    let own = image::open(folder.join("out/screenshot.png")).unwrap().into_rgb8().into_raw();
+    let off = differing(&read_ppm(&folder.join("out/shot_1.ppm"), size), &own).len();
+    assert_eq!(off, 0, "{size}: pixels in which the post's own screenshot is not what the screen showed");
 }
 
 /// The same with a live view: two frames that stood still, and one over the last picture of a view that was lost, while the post

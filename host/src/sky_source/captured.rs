@@ -24,6 +24,8 @@ use std::time::Instant;
 pub const SERIES: usize = 4;
 /// Series that a camera may take until its exposures fit the light.
 const ATTEMPTS: usize = 6;
+/// A series that clips more of the sky than this is blind.
+const BLINDED_SHARE: f64 = 0.5;
 /// With the sun higher than this no sky is black to a camera, under whatever clouds, degrees.
 const DAY_ALTITUDE_DEG: f64 = 5.0;
 
@@ -40,6 +42,8 @@ pub struct CapturedSky {
     calm: Calm,
     watched: Frame,
     expected: usize,
+    /// Series in a row that were left out until exposures fit.
+    waited: usize,
 }
 
 impl CapturedSky {
@@ -112,6 +116,7 @@ impl CapturedSky {
             calm: Calm::new(may_rest),
             watched: Frame::default(),
             expected: 0,
+            waited: 0,
             device,
         })
     }
@@ -183,7 +188,7 @@ impl CapturedSky {
         }
         let exposures_stay = self.take(moment.unix_s)?;
         let sun = self.sun(moment);
-        if !self.shows(sun)? {
+        if !self.shows(sun)? || self.waits(exposures_stay) {
             return Ok(false);
         }
         self.capture.weights_into(&self.merged, sun, &mut self.captured).map_err(failed)?;
@@ -233,6 +238,15 @@ impl CapturedSky {
             Some(PictureFault::Black) => Err(fault(CameraError::Implausible(PictureFault::Black))),
             _ => Ok(false),
         }
+    }
+
+    /// Whether better exposures are waited for, after the light has leapt, as when a cap is taken off the lens: a series that
+    /// was black, or clipped nearly everywhere, and those after it until exposures fit, are no light to show.
+    fn waits(&mut self, exposures_stay: bool) -> bool {
+        let is_blinded = self.capture.clipped_share(&self.merged) > BLINDED_SHARE;
+        let waits = !exposures_stay && (is_blinded || self.waited > 0) && self.waited < ATTEMPTS;
+        self.waited = if waits { self.waited + 1 } else { 0 };
+        waits && matches!(self.device, Device::Live(_))
     }
 
     /// Where the sun stood when the frames were taken; a recording's own time comes first.
@@ -374,7 +388,9 @@ mod tests {
         let day = Moment { unix_s: 1_782_036_000.0, trusted: true };
         let (night, lost) = (Moment { unix_s: day.unix_s + 43_200.0, ..day }, Moment { trusted: false, ..day });
         let mut reading = SkyReading::default();
-        assert!(sky.read(day, &mut reading).unwrap());
+        // Exposures settle.
+        (0..6).for_each(|_| assert!(sky.read(day, &mut reading).is_ok()));
+        let before = reading.weights.radiance[0][1];
         is_capped.store(true, Ordering::Relaxed);
         let told = (0..10).map(|_| sky.read(day, &mut reading)).find(|read| !matches!(read, Ok(false))).unwrap();
         assert!(told.unwrap_err().to_string().contains("cap on the lens"));
@@ -383,7 +399,9 @@ mod tests {
             assert!(sky.read(dark, &mut reading).unwrap(), "who knows that it is day?");
         }
         is_capped.store(false, Ordering::Relaxed);
+        // The first pictures are white, because exposures were the longest: they are no light.
         assert!((0..10).any(|_| sky.read(day, &mut reading).is_ok_and(|new| new)));
-        assert!(reading.weights.radiance[0][1] > 0.0);
+        let light = reading.weights.radiance[0][1];
+        assert!((light / before - 1.0).abs() < 0.1, "{before} before the cap, {light} after it");
     }
 }
