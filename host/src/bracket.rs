@@ -18,6 +18,7 @@ use kernel::{Merging, Source};
 use scales::ScaleGauge;
 use sensornoise::NoiseGauge;
 pub use sensornoise::SensorNoise;
+pub(crate) use tables::CURVE_ERROR;
 use tables::{Facts, FrameTables, format_of, longest_s};
 
 /// How codes become radiance.
