@@ -6,6 +6,7 @@ use crate::clock::Moment;
 use crate::health::{Health, ViewState, WELL, WeightsState};
 use crate::picture::write_png;
 use crate::sky_source::SunSource;
+use crate::sky_source::agreement::{disagreement, sun_astray};
 use crate::sun::format_utc;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -106,7 +107,9 @@ impl Post<'_> {
 
     /// What painter and display want to be known.
     fn notes(&self) -> Option<String> {
-        let notes = [self.note.as_deref(), self.parts.display.note()];
+        let exposures = self.held.series.and_then(|series| disagreement(series.response_slope, self.has_response));
+        let sun = self.held.series.and_then(|series| sun_astray(series.sun_astray_deg));
+        let notes = [self.note.as_deref(), exposures.as_deref(), sun.as_deref(), self.parts.display.note()];
         let notes: Vec<&str> = notes.into_iter().flatten().collect();
         (!notes.is_empty()).then(|| notes.join("; "))
     }
