@@ -76,8 +76,11 @@ fn calibrated(folder: &Path, frames: &str, curve: &str, series: &Series) -> f64 
 fn merged_error(folder: &Path, frames: &str, curve: &str, series: &Series) -> [f64; 2] {
     use exr::prelude::*;
     relume_in(folder, &["sky", "merge", frames, "--response", curve, "-o", "merged.exr"]).well();
-    let blank = |size: Vec2<usize>, _: &_| (size.width(), Vec::new());
-    let set = |(_, pixels): &mut (usize, Vec<_>), _, pixel: (f32, f32, f32, f32)| pixels.push(pixel);
+    let blank = |size: Vec2<usize>, _: &_| (size.width(), vec![(0.0, 0.0, 0.0, 0.0); size.area()]);
+    // Rows come in any order.
+    let set = |(width, pixels): &mut (usize, Vec<_>), at: Vec2<usize>, pixel: (f32, f32, f32, f32)| {
+        pixels[at.y() * *width + at.x()] = pixel;
+    };
     let channels = read().no_deep_data().largest_resolution_level().specific_channels();
     let channels = channels.required("R").required("G").required("B").required("clipped");
     let image = channels.collect_pixels(blank, set).first_valid_layer().all_attributes();

@@ -13,7 +13,8 @@ const LATEST: usize = 32;
 const FEWEST: usize = 8;
 /// Every how many series the sun's place is looked at: each look goes through the whole picture.
 pub const ASTRAY_EVERY: u64 = 4;
-/// Slope that is told: that of a curve whose exponent is 4 % off. Frames 3 stops apart then differ by 9 %.
+/// Slope that is told: that of a curve whose exponent is 4 % off. Frames 3 stops apart then differ by 9 %. Simulated cameras whose
+/// curve is known stay below a tenth of it under noise, clouds and birds, by day and at dusk.
 const TOLD: f64 = 0.04;
 
 /// The sun's distance from its place that is told, degrees: beyond its own
