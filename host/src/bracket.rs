@@ -18,6 +18,7 @@ use kernel::{Merging, Source};
 use scales::ScaleGauge;
 use sensornoise::NoiseGauge;
 pub use sensornoise::SensorNoise;
+pub(crate) use tables::CURVE_ERROR;
 use tables::{Facts, FrameTables, format_of, longest_s};
 
 /// How codes become radiance.
@@ -86,6 +87,9 @@ pub struct MergeReport {
     pub exposure_factors: Vec<f64>,
     /// The usual log ratio (natural) of neighbouring exposures' radiances: far from 0 where curve or times are wrong.
     pub drift: f64,
+    /// The same per natural log of the exposures' ratio: by how much the response's exponent seems to be off. None where too
+    /// little is seen in two exposures.
+    pub slope: Option<f64>,
     /// Place of the frame that what moved is taken from.
     pub reference: usize,
     /// Pixels of which samples were left out.
@@ -190,14 +194,14 @@ impl Merger {
 
     fn gauge_pair(&mut self, short: &Frame, long: &Frame, pixels: usize) {
         let facts = [short, long].map(|frame| self.facts[format_of(frame)].as_ref());
+        let r = (short.exposure.product_s() / long.exposure.product_s()) as f32;
         if let [Some(short_facts), Some(long_facts)] = facts {
-            let r = (short.exposure.product_s() / long.exposure.product_s()) as f32;
             for_some(SCALE_PIXELS, pixels, |at, channel| {
                 let fraction = |facts: &Facts, frame: &Frame| facts.judged[channel][usize::from(frame.codes.get(at))];
                 self.scale_gauge.take(fraction(short_facts, short), fraction(long_facts, long), r);
             });
         }
-        self.scale_gauge.end_pair();
+        self.scale_gauge.end_pair(r);
     }
 
     /// Shot noise grows with gain: both frames must have the same.
@@ -214,6 +218,7 @@ impl Merger {
 
     fn correct(&mut self, frames: &[Frame]) {
         self.report.drift = self.scale_gauge.drift().into();
+        self.report.slope = self.scale_gauge.slope().map(f64::from);
         self.scale_gauge.factors(&mut self.factors);
         let report = &mut self.report;
         report.exposure_factors.clear();

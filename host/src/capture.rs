@@ -11,6 +11,7 @@
 //!   are brighter than the clear sky behind them), times what the aureole tells of it (`capture/beam.rs`).
 //! - The lower hemisphere, which the camera does not see, is ground albedo x horizontal irradiance / pi.
 
+mod astray;
 mod beam;
 mod intake;
 mod shares;

@@ -60,10 +60,27 @@ impl CameraColour {
         jsonfile::save(path, self)
     }
 
+    /// The way back: camera = this x Rec.709; none where the matrix has no inverse.
+    pub fn from_rec709(&self) -> Option<[[f64; 3]; 3]> {
+        let rows = inverse(self.matrix)?;
+        Some(std::array::from_fn(|i| rows[i].map(|v| v / self.white_balance[i])))
+    }
+
     /// Matrix and white balance in one: Rec.709 = this x camera.
     pub fn to_rec709(&self) -> [[f32; 3]; 3] {
         self.matrix.map(|row| std::array::from_fn(|k| (row[k] * self.white_balance[k]) as f32))
     }
+}
+
+/// Inverse by cofactors; none of a singular matrix.
+fn inverse(m: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
+    let cofactor = |i: usize, j: usize| {
+        let [a, b, c, d] = [(i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3];
+        m[a][c] * m[b][d] - m[a][d] * m[b][c]
+    };
+    let determinant: f64 = (0..3).map(|j| m[0][j] * cofactor(0, j)).sum();
+    let of = |i: usize| std::array::from_fn(|j| cofactor(j, i) / determinant);
+    (determinant.abs() > 1e-9).then(|| std::array::from_fn(of))
 }
 
 #[cfg(test)]

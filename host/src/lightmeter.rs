@@ -64,6 +64,11 @@ impl LightMeter {
         (self.planner.report(), self.took)
     }
 
+    /// The exposures that are planned for it.
+    pub fn exposures(&self) -> &[Exposure] {
+        self.planner.exposures()
+    }
+
     /// `count` exposures, `step_stops` apart, rising, at gain 1, over the light that is there; fewer where the camera's
     /// times do not reach so far.
     pub fn calibration(&self, count: usize, step_stops: f64) -> Vec<Exposure> {

@@ -107,6 +107,8 @@ pub struct Post<'p> {
     note: Option<String>,
     sky_name: &'static str,
     colour: &'static str,
+    /// Does the post's file name the sky camera's response?
+    has_response: bool,
     frames: u64,
     frames_changed: u64,
     counters: FrameCounters,
@@ -152,6 +154,7 @@ impl<'p> Post<'p> {
             note: None,
             sky_name: config.sky.name(),
             colour: config.camera.colour_state(config.sky),
+            has_response: config.camera.response.is_some(),
             frames: 0,
             frames_changed: 0,
             counters: FrameCounters::default(),

@@ -1,11 +1,17 @@
 //! A clipped sun from an irradiance probe: what the horizontal plane receives beyond the sky that the camera measured.
 //!
-//! `PROBE.json`: `{"E_horizontal":[r,g,b]}`, in the unit of the merged picture's radiance x sr.
+//! `PROBE.json`: `{"E_horizontal":[r,g,b],"relative_sigma":0.01}`, in the unit of the merged picture's radiance x sr; one
+//! standard deviation of a reading is 1 % of it where the file does not say. The picture is what reached the sensor: what the
+//! lens's vignetting took is given back before it is summed, and taken from the disc that is added. Its colours are the
+//! camera's, the probe's Rec.709.
 
-use crate::bracket::{Merged, PixelState};
+mod disc;
+
+use crate::bracket::{CURVE_ERROR, Merged, PixelState};
+use crate::colour::CameraColour;
 use crate::jsonfile::{self, JsonError};
 use crate::lens::Lens;
-use crate::skymodel::disc_directions;
+use disc::Disc;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -13,7 +19,8 @@ use std::path::Path;
 const LEAST_SEEN: f64 = 0.5;
 /// A pixel within this angle of the sun's centre may belong to its glare, degrees.
 const NEAR_DEG: f64 = 3.0;
-const DISC_POINTS: u32 = 4096;
+/// One standard deviation of what the unseen part of the sky gives, over what it would give were it as bright as the rest.
+const UNSEEN_SIGMA: f64 = 0.5;
 
 /// What a probe measured.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
@@ -22,6 +29,13 @@ pub struct Probe {
     /// Irradiance on the horizontal plane, RGB.
     #[serde(rename = "E_horizontal")]
     pub horizontal: [f64; 3],
+    /// One standard deviation of a reading over the reading.
+    #[serde(default = "one_per_cent")]
+    pub relative_sigma: f64,
+}
+
+fn one_per_cent() -> f64 {
+    0.01
 }
 
 /// Why a probe could not be used; one line.
@@ -33,12 +47,15 @@ pub enum ProbeError {
     /// Too little of the sky is in the picture.
     #[error("the lens shows only {0:.0} % of the sky above the horizon; a probe needs at least half of it")]
     Unseen(f64),
+    /// Rec.709 cannot be told in the camera's colours.
+    #[error("the matrix of the camera's colours has no inverse; fit it again (relume sky colour)")]
+    Colour,
 }
 
 /// What became of the sun.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rebuilt {
-    /// The disc was added; its irradiance on a plane normal to it.
+    /// The disc was added; its irradiance on a plane normal to it, Rec.709.
     Disc([f64; 3]),
     /// No pixel at the sun's place was clipped; the picture stays as it is.
     NotClipped,
@@ -48,6 +65,28 @@ pub enum Rebuilt {
     NothingLeft,
 }
 
+/// A merged picture beside the probe, and the camera that took it.
+pub struct Probed<'a> {
+    /// What reached the sensor, in the camera's colours.
+    pub merged: &'a mut Merged,
+    /// One standard deviation per pixel of it, where that is wanted.
+    pub sigma: Option<&'a mut [[f32; 3]]>,
+    /// Lens and orientation.
+    pub lens: &'a Lens,
+    /// From the camera's colours to Rec.709.
+    pub colour: &'a CameraColour,
+}
+
+/// What the picture shows of the sky.
+struct Sky {
+    /// Horizontal irradiance of what was seen, in the camera's colours.
+    irradiance: [f64; 3],
+    /// Solid angle x cosine of what was seen, of pi.
+    seen: f64,
+    /// Whether a pixel near the sun is clipped.
+    clipped: bool,
+}
+
 impl Probe {
     /// Reads `PROBE.json`.
     ///
@@ -55,124 +94,77 @@ impl Probe {
     /// [`ProbeError`], naming the file and what is wrong.
     pub fn load(path: &Path) -> Result<Self, ProbeError> {
         let probe: Probe = jsonfile::load(path)?;
+        let bad = |field, what| Err(JsonError::Value { name: path.display().to_string(), field, what }.into());
         if probe.horizontal.iter().any(|v| !(v.is_finite() && *v >= 0.0)) {
-            let what = format!("{:?} must be finite and not negative", probe.horizontal);
-            return Err(JsonError::Value { name: path.display().to_string(), field: "E_horizontal", what }.into());
+            return bad("E_horizontal", format!("{:?} must be finite and not negative", probe.horizontal));
+        }
+        if !(0.0..=1.0).contains(&probe.relative_sigma) {
+            return bad("relative_sigma", format!("{} must be a share from 0 to 1", probe.relative_sigma));
         }
         Ok(probe)
     }
 
     /// Adds the sun's disc to the pixels it covers where the sun is clipped: (probe - sky) / sin(altitude), per channel.
-    /// The picture's horizontal irradiance then is the probe's. `dir_world` points to the sun's centre.
+    /// The picture's horizontal irradiance then is the probe's. `dir_world` points to the sun's centre. The pixels' standard
+    /// deviation then is that of the disc, too: by the probe's, the response curve's error in all that was summed, and what
+    /// the lens does not show.
     ///
     /// # Errors
-    /// [`ProbeError::Unseen`] where the picture shows too little sky.
-    pub fn rebuild(&self, merged: &mut Merged, lens: &Lens, dir_world: [f32; 3]) -> Result<Rebuilt, ProbeError> {
-        let dir = dir_world.map(f64::from);
-        let near = NEAR_DEG.to_radians().cos();
-        let (mut sky, mut seen, mut clipped) = ([0.0; 3], 0.0, false);
-        for (index, value) in merged.radiance.iter().enumerate() {
-            let at = [(index % merged.width) as f64 + 0.5, (index / merged.width) as f64 + 0.5];
-            let (Some(towards), Some(omega)) = (lens.unproject(at), lens.solid_angle_sr(at)) else { continue };
-            if towards[1] <= 0.0 {
-                continue;
-            }
-            let share = omega * towards[1];
-            seen += share;
-            (0..3).for_each(|k| sky[k] += f64::from(value[k]) * share);
-            let cosine: f64 = (0..3).map(|k| towards[k] * dir[k]).sum();
-            clipped |= cosine > near && merged.state[index] == PixelState::Clipped;
-        }
+    /// [`ProbeError::Unseen`] where the picture shows too little sky, [`ProbeError::Colour`] for colours without a way back.
+    pub fn rebuild(&self, picture: &mut Probed<'_>, dir_world: [f32; 3]) -> Result<Rebuilt, ProbeError> {
         let whole = std::f64::consts::PI;
-        if seen < LEAST_SEEN * whole {
-            return Err(ProbeError::Unseen(100.0 * seen / whole));
+        let sky = picture.sky(dir_world.map(f64::from));
+        if sky.seen < LEAST_SEEN * whole {
+            return Err(ProbeError::Unseen(100.0 * sky.seen / whole));
         }
-        if !clipped {
+        if !sky.clipped {
             return Ok(Rebuilt::NotClipped);
         }
-        if dir[1] <= 0.0 {
+        let up = f64::from(dir_world[1]);
+        if up <= 0.0 {
             return Ok(Rebuilt::NotSeen);
         }
+        let seen =
+            picture.colour.to_rec709().map(|row| (0..3).map(|k| f64::from(row[k]) * sky.irradiance[k]).sum::<f64>());
         // What the lens does not show counts as sky like the rest.
-        let left: [f64; 3] = std::array::from_fn(|k| self.horizontal[k] - sky[k] * (whole / seen).max(1.0));
+        let more = (whole / sky.seen).max(1.0);
+        let left: [f64; 3] = std::array::from_fn(|k| self.horizontal[k] - seen[k] * more);
         if left.iter().all(|&v| v <= 0.0) {
             return Ok(Rebuilt::NothingLeft);
         }
-        let normal = left.map(|v| v.max(0.0) / dir[1]);
-        let placed = add_disc(merged, lens, dir_world, normal);
+        let normal = left.map(|v| v.max(0.0) / up);
+        let sigma = std::array::from_fn(|k| {
+            let unseen = UNSEEN_SIGMA * (more - 1.0) * seen[k];
+            (self.relative_sigma * self.horizontal[k]).hypot(CURVE_ERROR * seen[k]).hypot(unseen) / up
+        });
+        let placed = picture.add(&Disc { irradiance: normal, sigma, dir_world })?;
         Ok(if placed { Rebuilt::Disc(normal) } else { Rebuilt::NotSeen })
     }
 }
 
-/// Adds a disc of an irradiance to the pixels that it covers; they count as measured then. False where it is outside.
-fn add_disc(merged: &mut Merged, lens: &Lens, dir_world: [f32; 3], irradiance: [f64; 3]) -> bool {
-    let inside = |at: [f64; 2]| {
-        let inside = (0.0..merged.width as f64).contains(&at[0]) && (0.0..merged.height as f64).contains(&at[1]);
-        let centre = at.map(|c| c.floor() + 0.5);
-        inside.then(|| (at[1] as usize * merged.width + at[0] as usize, lens.solid_angle_sr(centre)))
-    };
-    let points = disc_directions(dir_world, DISC_POINTS).filter_map(|dir| lens.project(dir).and_then(inside));
-    let points: Vec<(usize, f64)> = points.filter_map(|(index, omega)| Some((index, omega?))).collect();
-    for &(index, omega) in &points {
-        let pixel = &mut merged.radiance[index];
-        *pixel = std::array::from_fn(|k| pixel[k] + (irradiance[k] / (omega * points.len() as f64)) as f32);
-        merged.state[index] = PixelState::Valid;
+impl Probed<'_> {
+    /// Sums what stands above the horizon; `sun` points to the sun's centre.
+    fn sky(&self, sun: [f64; 3]) -> Sky {
+        let near = NEAR_DEG.to_radians().cos();
+        let mut sky = Sky { irradiance: [0.0; 3], seen: 0.0, clipped: false };
+        for (index, value) in self.merged.radiance.iter().enumerate() {
+            let at = [(index % self.merged.width) as f64 + 0.5, (index / self.merged.width) as f64 + 0.5];
+            let (Some(towards), Some(omega)) = (self.lens.unproject(at), self.lens.solid_angle_sr(at)) else {
+                continue;
+            };
+            if towards[1] <= 0.0 {
+                continue;
+            }
+            let share = omega * towards[1];
+            let passed = self.lens.transmission(at).filter(|&passed| passed > 0.0).unwrap_or(1.0);
+            sky.seen += share;
+            (0..3).for_each(|k| sky.irradiance[k] += f64::from(value[k]) * share / passed);
+            let cosine: f64 = (0..3).map(|k| towards[k] * sun[k]).sum();
+            sky.clipped |= cosine > near && self.merged.state[index] == PixelState::Clipped;
+        }
+        sky
     }
-    !points.is_empty()
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sun::{SunPosition, dir_world};
-
-    #[test]
-    fn the_disc_makes_up_what_the_probe_shows_beyond_the_sky() {
-        let lens = Lens::zenith_equidistant(240, 240, 184.0);
-        let dir = dir_world(SunPosition { azimuth_deg: 200.0, altitude_deg: 30.0 }, 0.0);
-        let count = 240 * 240;
-        let mut merged = Merged {
-            width: 240,
-            height: 240,
-            radiance: vec![[1.0, 2.0, 3.0]; count],
-            state: vec![PixelState::Valid; count],
-            captured_at_s: 0.0,
-        };
-        // A uniform sky's irradiance is pi x radiance; the sun adds 10 on a plane normal to it, a half of that below 30 degrees.
-        let probe = Probe { horizontal: [1.0, 2.0, 3.0].map(|v| v * std::f64::consts::PI + 5.0) };
-        assert_eq!(probe.rebuild(&mut merged, &lens, dir).unwrap(), Rebuilt::NotClipped);
-        let at = lens.project(dir.map(f64::from)).unwrap();
-        merged.state[at[1] as usize * 240 + at[0] as usize] = PixelState::Clipped;
-        let Rebuilt::Disc(normal) = probe.rebuild(&mut merged, &lens, dir).unwrap() else { panic!("no disc") };
-        assert!(normal.iter().all(|v| (v / 10.0 - 1.0).abs() < 0.02), "{normal:?}");
-        let (mut sum, mut horizontal) = (0.0, 0.0);
-        for (index, value) in merged.radiance.iter().enumerate() {
-            let at = [(index % 240) as f64 + 0.5, (index / 240) as f64 + 0.5];
-            let (Some(towards), Some(omega)) = (lens.unproject(at), lens.solid_angle_sr(at)) else { continue };
-            if towards[1] > 0.0 {
-                sum += (f64::from(value[1]) - 2.0) * omega;
-                horizontal += f64::from(value[1]) * omega * towards[1];
-            }
-        }
-        assert!((sum / normal[1] - 1.0).abs() < 1e-3, "{sum}");
-        assert!((horizontal / probe.horizontal[1] - 1.0).abs() < 5e-3, "{horizontal}");
-        assert!(merged.radiance.iter().flatten().all(|v| v.is_finite()));
-        merged.state.fill(PixelState::Clipped);
-        let dark = Probe { horizontal: [0.1; 3] };
-        assert_eq!(dark.rebuild(&mut merged, &lens, dir).unwrap(), Rebuilt::NothingLeft);
-        let narrow = Lens::zenith_equidistant(240, 240, 40.0);
-        let narrow = Lens::turned(&narrow, [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]);
-        assert!(matches!(dark.rebuild(&mut merged, &narrow, dir), Err(ProbeError::Unseen(_))));
-    }
-
-    #[test]
-    fn bad_readings_are_named() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("p.json");
-        for (text, told) in [("{}", "E_horizontal"), (r#"{"E_horizontal":[1,2,-3]}"#, "-3"), ("nonsense", "p.json")] {
-            std::fs::write(&path, text).unwrap();
-            let error = Probe::load(&path).unwrap_err().to_string();
-            assert!(error.contains(told) && error.contains("p.json") && !error.contains('\n'), "{error}");
-        }
-    }
-}
+mod tests;

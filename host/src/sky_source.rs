@@ -1,5 +1,6 @@
 //! Where a post's weights come from, moment by moment.
 
+pub mod agreement;
 pub mod background;
 pub mod calm;
 pub mod captured;
@@ -45,6 +46,11 @@ pub struct SeriesReport {
     pub missing: usize,
     /// The sky stands still: one frame now and then, a series every five seconds.
     pub is_calm: bool,
+    /// By how much the response curve's exponent seems to be off: how the exposures of many series disagree, per natural log of
+    /// their ratio. `None` while too few series tell.
+    pub response_slope: Option<f64>,
+    /// How far the sun usually stands from where lens, time and place put it, degrees. `None` while too few series show it.
+    pub sun_astray_deg: Option<f64>,
 }
 
 /// The moments of a series, on the way from light to weights.

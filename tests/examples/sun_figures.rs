@@ -9,9 +9,10 @@
 use relume::bracket::{MergeSettings, Merged, Merger, PixelState};
 use relume::camera::Frame;
 use relume::camera::synthetic::{Glare, SyntheticSettings};
+use relume::colour::CameraColour;
 use relume::lens::Lens;
 use relume::map::luminance;
-use relume::probe::{Probe, Rebuilt};
+use relume::probe::{Probe, Probed, Rebuilt};
 use relume::response::Response;
 use relume::response::calibration::calibrate;
 use relume::skymodel::{SkyModel, clear_beam, paint_disc};
@@ -161,8 +162,9 @@ fn clipped(sky: &Sky, response: &Response, seed: u64) -> Result<(), Box<dyn std:
     let exact = sums(&truth, found.width, series.camera.lens(), direction);
     // One per cent too much or too little, each channel in its own way.
     let sign = |k: usize| if (seed >> k) & 1 == 0 { 1.01 } else { 0.99 };
-    let probe = Probe { horizontal: std::array::from_fn(|k| exact[1][k] * sign(k)) };
-    let rebuilt = probe.rebuild(&mut found, series.camera.lens(), direction)?;
+    let probe = Probe { horizontal: std::array::from_fn(|k| exact[1][k] * sign(k)), relative_sigma: 0.01 };
+    let (lens, colour) = (series.camera.lens(), &CameraColour::default());
+    let rebuilt = probe.rebuild(&mut Probed { merged: &mut found, sigma: None, lens, colour }, direction)?;
     let all = sums(&found.radiance, found.width, series.camera.lens(), direction);
     match rebuilt {
         Rebuilt::Disc(normal) => println!(

@@ -13,6 +13,8 @@ const HIGHEST: f32 = 0.9;
 const WIDEST: f32 = 0.1;
 /// Ratios a link between two frames needs.
 const FEWEST: usize = 48;
+/// Ratio of exposures from which on their log ratio is too small to be divided by.
+const NARROWEST: f32 = 0.75;
 /// Log ratio up to which a frame agrees with most others, and from which it is corrected.
 const AGREES: f32 = 0.05;
 const DISAGREES: f32 = 0.1;
@@ -29,6 +31,8 @@ pub(super) struct ScaleGauge {
     ratios: Vec<f32>,
     /// Log radiance of each frame over that of the next shorter one; NaN where too little is seen in both.
     links: Vec<f32>,
+    /// The same over the natural log of the two exposures' ratio, where they are far enough apart.
+    slopes: Vec<f32>,
     offsets: Vec<f32>,
     scratch: Vec<f32>,
 }
@@ -37,6 +41,7 @@ impl ScaleGauge {
     pub fn clear(&mut self) {
         self.ratios.clear();
         self.links.clear();
+        self.slopes.clear();
     }
 
     /// Takes a pixel's channel in a shorter and a longer exposure of ratio `r` (short over long): their fractions, NaN where
@@ -49,12 +54,23 @@ impl ScaleGauge {
         }
     }
 
-    /// Ends a pair of neighbouring exposures.
-    pub fn end_pair(&mut self) {
+    /// Ends a pair of neighbouring exposures of ratio `r` (short over long).
+    pub fn end_pair(&mut self, r: f32) {
         let enough = self.ratios.len() >= FEWEST;
         let link = if enough { median(&mut self.ratios).map_or(f32::NAN, f32::ln) } else { f32::NAN };
         self.links.push(link);
+        // In the first series, whatever it shows: none allocates after it.
+        self.slopes.reserve(1);
+        if !link.is_nan() && r < NARROWEST {
+            self.slopes.push(link / -r.ln());
+        }
         self.ratios.clear();
+    }
+
+    /// The usual log ratio of neighbours per natural log of exposure: 0.05 where a power law's exponent is 5 % off. None where
+    /// no two exposures tell.
+    pub fn slope(&mut self) -> Option<f32> {
+        median(&mut self.slopes)
     }
 
     /// The usual log ratio of neighbours: what a wrong response curve or time unit shows as.

@@ -5,7 +5,7 @@ use super::{MergeSettings, SensorNoise};
 use crate::camera::{Codes, Frame};
 
 /// Relative error of the response curve that every sample is taken to have besides its noise.
-const CURVE_ERROR: f64 = 0.005;
+pub const CURVE_ERROR: f64 = 0.005;
 
 /// A code without its exposure.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,5 +1,6 @@
 //! `relume check`: what is wrong with a post, in plain words, before it opens.
 
+mod agreement;
 mod clock;
 mod lens;
 mod machine;
@@ -159,9 +160,11 @@ fn sky(config: &Config, table: &mut Table) {
         (SkyKind::Replay, Some(frames)) => {
             let camera = ReplayCamera::open(frames, false);
             let words = format!("frames from {}", frames.display());
-            if let Some(camera) = table.add("camera", camera.map(|camera| (camera, words))) {
+            if let Some(mut camera) = table.add("camera", camera.map(|camera| (camera, words))) {
                 let CameraLimits { width, height, .. } = camera.limits();
                 lens::fits(lens.as_ref(), (width, height), "name the lens of these frames in camera.lens", table);
+                let series = camera.series();
+                agreement::exposures(config, lens.as_ref(), (&mut camera, &series), agreement::RECORDED, table);
             }
             return;
         }

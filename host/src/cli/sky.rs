@@ -2,6 +2,7 @@
 
 mod capture;
 mod colour;
+mod frames;
 mod lens;
 mod merge;
 mod response;
@@ -30,16 +31,20 @@ relume sky response FRAMES_DIR [--black SHARE] [--plot P.png] -o CURVE.csv
   --plot P.png          draws the curves
 
 relume sky merge FRAMES_DIR [--response CURVE.csv] [--sensor ELECTRONS,READ] [--lens LENS.json [--probe PROBE.json]
-                 (--sun AZ,ALT | --site LAT,LON) [--lat-long]] [--uncertainty] -o MAP.hdr|MAP.exr
+                 (--sun AZ,ALT | --site LAT,LON) [--north DEG] [--lat-long]] [--colour CAMERA.json] [--uncertainty]
+                 -o MAP.hdr|MAP.exr
   Merges the exposure series of FRAMES_DIR/frames.json into linear radiance, full-well fractions per second, in the camera's
   own picture; an .exr also tells where pixels are clipped in every frame (channel `clipped`), which `sky weights` needs to
   find such a sun by a clear-sky model. Exposures that do not fit the others are corrected, samples that do not fit a pixel's others left out.
   --response CURVE.csv  the camera's response; linear if left out
   --sensor ELECTRONS,READ  electrons of a full well and of read noise; left out, found from the frames
   --lens LENS.json      lens and orientation
-  --probe PROBE.json    {\"E_horizontal\":[r,g,b]}: a clipped sun's disc is rebuilt so that the horizontal irradiance agrees
+  --probe PROBE.json    {\"E_horizontal\":[r,g,b]}: a clipped sun's disc is rebuilt so that the horizontal irradiance agrees;
+                        \"relative_sigma\" states how uncertain that is (0.01 if left out)
   --sun AZ,ALT          where the sun stands, degrees
   --site LAT,LON        the same from place and the frames' captured_at
+  --north DEG           where north lies in the world, degrees from -Z towards +X; default 0
+  --colour CAMERA.json  the camera's colours, for a probe of Rec.709 and lat-long maps; Rec.709 if left out
   --lat-long            makes a lat-long map; without a probe a clipped sun is rebuilt from a clear-sky model
   --uncertainty         adds one standard deviation per channel (sigma.R, sigma.G, sigma.B) to the .exr
 

@@ -6,6 +6,7 @@ use crate::clock::Moment;
 use crate::health::{Health, ViewState, WELL, WeightsState};
 use crate::picture::write_png;
 use crate::sky_source::SunSource;
+use crate::sky_source::agreement::{disagreement, sun_astray};
 use crate::sun::format_utc;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -113,8 +114,11 @@ impl Post<'_> {
                 "{tiles} tiles cannot be held to the error budget; bake with a smaller --error, or allow more"
             )),
         };
-        let notes = [self.note.as_deref(), self.parts.display.note(), beyond.as_deref()];
-        let notes: Vec<&str> = notes.into_iter().flatten().collect();
+        let exposures = self.held.series.and_then(|series| disagreement(series.response_slope, self.has_response));
+        let sun = self.held.series.and_then(|series| sun_astray(series.sun_astray_deg));
+        let told = [&beyond, &exposures, &sun].map(Option::as_deref);
+        let notes = [self.note.as_deref(), self.parts.display.note()].into_iter().chain(told);
+        let notes: Vec<&str> = notes.flatten().collect();
         (!notes.is_empty()).then(|| notes.join("; "))
     }
 

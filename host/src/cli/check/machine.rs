@@ -2,7 +2,7 @@
 
 use super::Table;
 #[cfg(feature = "board")]
-use crate::camera::{Camera, CameraError, Frame, v4l2::V4l2Camera};
+use crate::camera::{Camera, CameraError, Exposure, Frame, v4l2::V4l2Camera};
 use crate::config::Config;
 #[cfg(feature = "board")]
 use crate::config::ViewCamera;
@@ -91,7 +91,9 @@ pub(super) fn camera(config: &Config, lens: Option<&Lens>, table: &mut Table) {
         camera.rates_hz().map(|rates| format!("; the camera offers {}", crate::camera::v4l2::asked::words(rates)));
     let offered = offered.unwrap_or_default();
     table.add("frames", pace(&mut camera).map(|words| ((), format!("{words}{offered}"))));
-    table.add("series", series(&mut camera).map(|words| ((), words)));
+    if let Some(exposures) = table.add("series", series(&mut camera)) {
+        super::agreement::exposures(config, lens, (&mut camera, &exposures), super::agreement::TAKEN, table);
+    }
     table.say("controls", camera.controls_told().join("; "));
     for note in camera.notes() {
         table.advise("controls", note.clone());
@@ -147,17 +149,18 @@ fn pace(camera: &mut V4l2Camera) -> Result<String, String> {
 
 /// The exposures that the planner chooses for the light that is there, and how long a series takes.
 #[cfg(feature = "board")]
-fn series(camera: &mut V4l2Camera) -> Result<String, String> {
+fn series(camera: &mut V4l2Camera) -> Result<(Vec<Exposure>, String), String> {
     use crate::sky_source::calm::{SERIES_S, WATCH_S};
     let mut meter = crate::lightmeter::LightMeter::new(camera.limits());
     meter.look(camera, |camera| camera).map_err(|error| error.to_string())?;
     let (plan, took) = meter.plan();
     let [shortest, longest] = plan.exposure_s;
     let (frames, gain, took_s) = (plan.frames, plan.gain, took.as_secs_f64());
-    Ok(format!(
+    let words = format!(
         "{frames} exposures of {shortest:.4} to {longest:.4} s at gain {gain:.1} at most, in {took_s:.2} s; \
          under a calm sky a frame every {WATCH_S} s and a series every {SERIES_S} s"
-    ))
+    );
+    Ok((meter.exposures().to_vec(), words))
 }
 
 #[cfg(all(test, feature = "board"))]

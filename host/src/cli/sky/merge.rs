@@ -1,16 +1,17 @@
 //! `relume sky merge`: an exposure series into linear radiance.
 
 use super::SunOption;
-use super::response::read_all;
+use super::frames::read_all;
 use crate::bracket::{MergeReport, MergeSettings, Merged, Merger, PixelState, SensorNoise};
 use crate::capture::{Capture, CaptureSettings, Captured};
-use crate::cli::args::{numbers, place, required};
+use crate::cli::args::{number, numbers, place, required};
+use crate::colour::CameraColour;
 use crate::failure::{Failure, OrFail};
 use crate::lens::Lens;
 use crate::map::RadianceMap;
 use crate::outfile::check_writable;
 use crate::picture::write_exr_measured;
-use crate::probe::{Probe, Rebuilt};
+use crate::probe::{Probe, Probed, Rebuilt};
 use crate::response::Response;
 use crate::skymodel::paint_disc;
 use crate::split::SUN_RADIUS_DEG;
@@ -31,9 +32,17 @@ struct Options {
     lens: Option<PathBuf>,
     probe: Option<PathBuf>,
     sun: Option<SunOption>,
+    north_deg: Option<f64>,
+    colour: Option<PathBuf>,
     lat_long: bool,
     uncertainty: bool,
     out: Option<PathBuf>,
+}
+
+impl Options {
+    fn north_deg(&self) -> f64 {
+        self.north_deg.unwrap_or(0.0)
+    }
 }
 
 pub(super) fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
@@ -45,15 +54,20 @@ pub(super) fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     check_writable(out)?;
     let lens = options.lens.as_ref().map(|path| Lens::load(path)).transpose().or_bad()?;
     let probe = options.probe.as_ref().map(|path| Probe::load(path)).transpose().or_bad()?;
-    let (mut merged, sigma) = merge(folder, &options)?;
+    let colour = options.colour.as_ref().map(|path| CameraColour::load(path)).transpose().or_bad()?.unwrap_or_default();
+    let (mut merged, mut sigma) = merge(folder, &options)?;
+    if let (Some(lens), Some(path)) = (&lens, &options.lens) {
+        check_size(lens, path, &merged)?;
+    }
     if let (Some(lens), Some(probe), Some(sun)) = (&lens, probe, options.sun) {
-        let towards = dir_world(sun.position(merged.captured_at_s)?, 0.0);
-        tell_sun(probe.rebuild(&mut merged, lens, towards).or_bad()?);
+        let towards = dir_world(sun.position(merged.captured_at_s)?, options.north_deg());
+        let picture = &mut Probed { merged: &mut merged, sigma: sigma.as_deref_mut(), lens, colour: &colour };
+        tell_sun(probe.rebuild(picture, towards).or_bad()?);
     }
     let (width, height) = (merged.width, merged.height);
     let clipped = merged.state.iter().map(|&state| state == PixelState::Clipped);
     match &lens {
-        Some(lens) if options.lat_long => lat_long(&merged, lens, options.sun)?.save(out).or_runtime(),
+        Some(lens) if options.lat_long => lat_long(&merged, lens, &colour, &options)?.save(out).or_runtime(),
         _ if ending.as_deref() == Some("exr") => {
             tell_clipped(clipped.clone().filter(|clipped| *clipped).count(), "the channel `clipped` tells where");
             Ok(write_exr_measured(out, (width, height), &merged.radiance, clipped, sigma.as_deref())?)
@@ -86,6 +100,14 @@ fn check(options: &Options, out: &Path, ending: Option<&str>) -> Result<(), Fail
     if options.probe.is_some() && (options.lens.is_none() || options.sun.is_none()) {
         return bad("--probe needs --lens, and --sun or --site: they tell where the sun is in the picture");
     }
+    if options.north_deg.is_some() && options.sun.is_none() {
+        return bad("--north turns the sun's position into the world; it needs --sun or --site");
+    }
+    if options.colour.is_some() && options.probe.is_none() && !options.lat_long {
+        return bad(
+            "the picture keeps the camera's colours (`sky weights --colour` changes them); --colour needs --probe or --lat-long",
+        );
+    }
     if options.uncertainty && (ending != Some("exr") || options.lat_long) {
         return bad("--uncertainty adds channels to an .exr in the camera's frame; leave out --lat-long");
     }
@@ -104,6 +126,8 @@ fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
             Long("lens") => o.lens = Some(parser.value()?.into()),
             Long("sun") => o.sun = Some(SunOption::Position(numbers(parser, "--sun", "azimuth and altitude")?)),
             Long("site") => o.sun = Some(SunOption::Site(numbers(parser, "--site", "latitude and longitude")?)),
+            Long("north") => o.north_deg = Some(number(parser, "--north", -360.0..=360.0)?),
+            Long("colour") => o.colour = Some(parser.value()?.into()),
             Long("probe") => o.probe = Some(parser.value()?.into()),
             Long("lat-long") => o.lat_long = true,
             Long("uncertainty") => o.uncertainty = true,
@@ -118,6 +142,20 @@ fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
         return Err(Failure::bad("--sensor: electrons of a full well (1 or more) and of read noise (0 or more)"));
     }
     Ok(o)
+}
+
+/// # Errors
+/// A lens that was measured at another size than the frames'.
+fn check_size(lens: &Lens, path: &Path, merged: &Merged) -> Result<(), Failure> {
+    match lens.size().filter(|&size| size != (merged.width, merged.height)) {
+        None => Ok(()),
+        Some((width, height)) => Err(Failure::bad(format!(
+            "{}: the lens is for {width}x{height} pixels, the frames have {}x{}; name the lens of these frames",
+            path.display(),
+            merged.width,
+            merged.height
+        ))),
+    }
 }
 
 /// One standard deviation per pixel and channel.
@@ -173,11 +211,13 @@ fn tell_sun(sun: Rebuilt) {
 }
 
 /// The camera's picture as a lat-long map in the world. What the lens does not show takes its patch's mean.
-fn lat_long(merged: &Merged, lens: &Lens, sun: Option<SunOption>) -> Result<RadianceMap, Failure> {
+fn lat_long(merged: &Merged, lens: &Lens, colour: &CameraColour, options: &Options) -> Result<RadianceMap, Failure> {
     let set = PatchSet::new(FILL_PATCHES).or_bad()?;
     let size = (merged.width, merged.height);
-    let mut capture = Capture::new(lens, size, set, CaptureSettings::default(), None).or_bad()?;
-    let position = sun.map(|sun| sun.position(merged.captured_at_s)).transpose()?;
+    let settings = CaptureSettings { north_deg: options.north_deg(), ..CaptureSettings::default() };
+    let mut capture = Capture::new(lens, size, set, settings, None).or_bad()?;
+    capture.set_colour(colour);
+    let position = options.sun.map(|sun| sun.position(merged.captured_at_s)).transpose()?;
     let Captured { weights, .. } = capture.weights(merged, position).or_bad()?;
     let near_sun = SUN_RADIUS_DEG.to_radians().cos() as f32;
     let mut map = RadianceMap::from_fn(MAP_HEIGHT, |dir| {

@@ -1,7 +1,6 @@
 //! `relume sky response`: an exposure series into the camera's response curve.
 
-use crate::camera::Frame;
-use crate::camera::replay::{read_frame, read_list};
+use super::frames::read_all;
 use crate::cli::args::{number, place, required};
 use crate::failure::{Failure, OrFail};
 use crate::outfile::{check_writable, write_whole};
@@ -9,7 +8,7 @@ use crate::plot::{Axis, Chart, Series};
 use crate::response::Response;
 use crate::response::calibration::{Calibration, calibrate};
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Default)]
 struct Options {
@@ -51,15 +50,6 @@ fn parse(parser: &mut lexopt::Parser) -> Result<Options, Failure> {
         }
     }
     Ok(o)
-}
-
-/// Every frame of a folder, in the order of `frames.json`.
-pub(super) fn read_all(folder: &Path) -> Result<Vec<Frame>, Failure> {
-    let read = |(index, recorded): (usize, &_)| {
-        let mut frame = Frame::default();
-        read_frame(recorded, index as u64, &mut frame).map(|()| frame)
-    };
-    read_list(folder).or_bad()?.iter().enumerate().map(read).collect::<Result<_, _>>().or_bad()
 }
 
 fn tell(found: &Calibration) {
