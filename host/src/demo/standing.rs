@@ -190,7 +190,12 @@ fn study(
         // A post runs on through moments that follow each other.
         for hours in hours.chunk_by(|a, b| b.unix_s - a.unix_s < 1.5 * step_s) {
             for (moment, row) in look.through(&day, hours)? {
-                eprintln!("{} {}: {}", moment.day, moment.time_utc, moment.outside.as_ref().unwrap_or(&moment.own).camera);
+                eprintln!(
+                    "{} {}: {}",
+                    moment.day,
+                    moment.time_utc,
+                    moment.outside.as_ref().unwrap_or(&moment.own).camera
+                );
                 moments.push(moment);
                 rows.push(row);
             }
@@ -226,7 +231,10 @@ impl Look<'_> {
         let others = match self.truth {
             Some(folder) => {
                 let others = hours.iter().map(|hour| outside::drawn(folder, hour, self.effort.size));
-                self.compare(day, hours, &cameras, &others.collect::<Result<Vec<_>, _>>()?)?.into_iter().map(Some).collect()
+                self.compare(day, hours, &cameras, &others.collect::<Result<Vec<_>, _>>()?)?
+                    .into_iter()
+                    .map(Some)
+                    .collect()
             }
             None => hours.iter().map(|_| None).collect::<Vec<_>>(),
         };
@@ -257,16 +265,22 @@ impl Look<'_> {
         cameras: &[ViewCamera<'_>],
         drawn: &[Drawn],
     ) -> Result<Vec<(Compared, Row)>, Failure> {
-        let views: Vec<Vec<u32>> = cameras.iter().zip(drawn).map(|(camera, drawn)| camera.picture(&drawn.real)).collect();
+        let views: Vec<Vec<u32>> =
+            cameras.iter().zip(drawn).map(|(camera, drawn)| camera.picture(&drawn.real)).collect();
         let running = Running { start_unix_s: hours[0].unix_s, step_s: self.step_s };
         let show = |sky| shown(self.folder, (day, sky), running, (&views, self.effort.size));
         let (by_camera, by_truth) = (show(SkyKind::Synthetic)?, show(SkyKind::Simulated)?);
         let moments = cameras.iter().zip(drawn).zip(by_camera.into_iter().zip(&by_truth));
-        Ok(moments.map(|((camera, drawn), shown)| self.judged(camera, drawn, shown)).collect())
+        Ok(moments.map(|((camera, drawn), shown)| self.judged(day, (camera, drawn), shown)).collect())
     }
 
     /// One frame under the light that the sky camera measured and one under the true sky against the truth.
-    fn judged(&self, camera: &ViewCamera<'_>, drawn: &Drawn, (by_camera, by_truth): (Shown, &Shown)) -> (Compared, Row) {
+    fn judged(
+        &self,
+        day: &Day,
+        (camera, drawn): (&ViewCamera<'_>, &Drawn),
+        (by_camera, by_truth): (Shown, &Shown),
+    ) -> (Compared, Row) {
         let whole = mean_of(&drawn.halves[0], &drawn.halves[1]);
         let truth = camera.ideal(&whole);
         let against = |a: &[u32], b: &[u32]| judge(a, b, (&drawn.real, &whole), &self.site.covered);
@@ -282,8 +296,8 @@ impl Look<'_> {
             noise_of_blocks: 0.5 * noise.median_of_blocks,
             gain_error: std::array::from_fn(|c| by_truth.exposure * tint(c) / camera.gains[c] - 1.0),
         };
-        let (day, real, shown) = ("", camera.ideal(&drawn.real), by_camera.pixels_bgrx);
-        (compared, Row { day, real, shown, truth })
+        let (real, shown) = (camera.ideal(&drawn.real), by_camera.pixels_bgrx);
+        (compared, Row { day: day.name, real, shown, truth })
     }
 
     fn moment(
@@ -310,7 +324,7 @@ impl Look<'_> {
             outside,
             renderers,
         };
-        Ok((moment, Row { day: hour.day, ..row }))
+        Ok((moment, row))
     }
 }
 

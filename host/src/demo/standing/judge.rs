@@ -171,7 +171,15 @@ mod tests {
     #[test]
     fn temple_and_shadow_are_judged_and_nothing_else() {
         // The temple is 8 codes off, the shadow 3, what is neither is far off.
-        let shown = |at: usize| grey(if at % WIDTH < 4 { 128 } else if at % WIDTH >= 7 { 123 } else { 250 });
+        let shown = |at: usize| {
+            grey(if at % WIDTH < 4 {
+                128
+            } else if at % WIDTH >= 7 {
+                123
+            } else {
+                250
+            })
+        };
         let found = judged(shown, 120, -0.5);
         // A shadow is looked for over neighbours, so that it begins a pixel earlier.
         assert_eq!(found.pixels, 13 * WIDTH);

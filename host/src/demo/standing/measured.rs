@@ -80,7 +80,8 @@ fn marks(truth: &Camera, real: &Scene, chance: &mut Chance) -> Vec<Point> {
                 break;
             }
         }
-        let held_up = view.direction(at[0] as f32, at[1] as f32).map(|dir| view.position + dir.as_dvec3() * distance_m(truth));
+        let held_up =
+            view.direction(at[0] as f32, at[1] as f32).map(|dir| view.position + dir.as_dvec3() * distance_m(truth));
         let Some(world) = world.or(held_up) else { continue };
         let clicked = at.map(|px| px + USUAL_NOISE_PX * chance.normal());
         points.push(Point { line: points.len() + 1, position_px: clicked, world });

@@ -58,7 +58,9 @@ pub(super) fn shown(
     };
     let log = log.or_runtime()?;
     if log.iter().map(|light| light.frame).ne(0..views.len() as u64) {
-        return Err(Failure::Runtime(anyhow::anyhow!("{LIGHT_LOG}: not every frame of the study's post had new light")));
+        return Err(Failure::Runtime(anyhow::anyhow!(
+            "{LIGHT_LOG}: not every frame of the study's post had new light"
+        )));
     }
     log.into_iter().enumerate().map(frame).collect()
 }

@@ -152,7 +152,10 @@ mod tests {
         bad.push(told(folder.path()));
         std::fs::write(picture(folder.path(), &HOUR, "real"), "no picture").unwrap();
         bad.push(told(folder.path()));
-        assert!(bad.iter().all(|told| told.contains("clear_0800.real.exr") && told.contains("draw it again")), "{bad:?}");
+        assert!(
+            bad.iter().all(|told| told.contains("clear_0800.real.exr") && told.contains("draw it again")),
+            "{bad:?}"
+        );
     }
 
     #[test]
@@ -165,7 +168,10 @@ mod tests {
         write_site(folder.path(), (240, 160), (&scene, &camera), &[entry]).unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
         let told: serde_json::Value = serde_json::from_str(&read("moments.json")).unwrap();
-        assert_eq!((&told["size"], &told["moments"][0]["name"]), (&serde_json::json!([240, 160]), &"clear_0800".into()));
+        assert_eq!(
+            (&told["size"], &told["moments"][0]["name"]),
+            (&serde_json::json!([240, 160]), &"clear_0800".into())
+        );
         let irradiance = told["moments"][0]["sun"]["irradiance"][1].as_f64().unwrap();
         assert!((irradiance / f64::from(sky.sun().unwrap().irradiance[1]) - 1.0).abs() < 1e-6);
         assert_eq!(Camera::parse(&read("camera.json"), Path::new("c")).unwrap(), camera);
