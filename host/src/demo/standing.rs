@@ -55,10 +55,12 @@ struct Effort {
     size: (u32, u32),
     /// Paths per pixel of each trace.
     samples: u32,
+    /// Paths per pixel and patch of the bake, and its rays to the sun.
+    bake_paths: (u32, u32),
 }
 
 impl Effort {
-    const FULL: Effort = Effort { size: (240, 160), samples: 176 };
+    const FULL: Effort = Effort { size: (240, 160), samples: 176, bake_paths: (4, 20) };
 }
 
 /// What is before the view camera's sensor.
@@ -251,7 +253,7 @@ impl Look<'_> {
     }
 
     fn draw(&self, camera: &ViewCamera<'_>) -> Result<Drawn, Failure> {
-        let Effort { size, samples } = self.effort;
+        let Effort { size, samples, .. } = self.effort;
         let traced = |scene, paths| camera.trace(scene, (size, samples), paths).or_runtime();
         let Vanished { real, whole, .. } = self.site;
         Ok(Drawn { real: traced(real, 0)?, halves: [traced(whole, 1)?, traced(whole, 2)?] })

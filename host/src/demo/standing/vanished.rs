@@ -43,9 +43,10 @@ impl Vanished {
                 (camera, measured_camera(&camera, &real, seed, &folder.join("camera.json"))?)
             }
         };
+        let (paths, sun_paths) = effort.bake_paths;
         let options = BakeOptions {
             size: effort.size,
-            transport: TransportOptions { paths: 4, sun_paths: 20, ..TransportOptions::default() },
+            transport: TransportOptions { paths, sun_paths, ..TransportOptions::default() },
             site: Some(demo_scene::SITE_DEG),
             ..BakeOptions::default()
         };
