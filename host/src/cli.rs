@@ -6,7 +6,7 @@ mod check;
 mod demo;
 mod devices;
 mod relight;
-mod run;
+pub(crate) mod run;
 mod sky;
 
 use crate::failure::{Failure, OrFail};

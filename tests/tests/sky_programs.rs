@@ -149,7 +149,7 @@ fn a_plot_of_the_response_shows_three_curves_and_frames_of_a_camera_that_stands_
 fn the_probes_sun_is_right_for_any_lens_colours_and_north() {
     let folder = fresh_folder(env!("CARGO_TARGET_TMPDIR"), "probe_north");
     let sun = relume::sun::SunPosition { azimuth_deg: 152.0, altitude_deg: 48.0 };
-    put(&folder.join("lens.json"), &LENS.replace("]]}", r#"]],"vignetting":[-0.4,0,0]}"#));
+    put(&folder.join("lens.json"), LENS.replace("]]}", r#"]],"vignetting":[-0.4,0,0]}"#));
     let colour = CameraColour {
         white_balance: [1.9, 1.0, 1.5],
         matrix: [[1.5, -0.4, -0.1], [-0.2, 1.3, -0.1], [0.1, -0.6, 1.5]],
@@ -171,7 +171,7 @@ fn the_probes_sun_is_right_for_any_lens_colours_and_north() {
         let (Some(dir), Some(omega)) = (lens.unproject(at), lens.solid_angle_sr(at)) else { continue };
         (0..3).for_each(|k| horizontal[k] += f64::from(rgb[k]) / scale * omega * dir[1].max(0.0));
     }
-    put(&folder.join("probe.json"), &format!(r#"{{"E_horizontal":{horizontal:?}}}"#));
+    put(&folder.join("probe.json"), format!(r#"{{"E_horizontal":{horizontal:?}}}"#));
     let rebuilt = |more: &[&str]| {
         let args = ["sky", "merge", "frames", "--response", "frames/curve_truth.csv", "--lens", "lens.json", "--probe"];
         let told = relume_in(&folder, &[&args[..], &["probe.json", "--sun", "152,48", "-o", "m.exr"], more].concat());

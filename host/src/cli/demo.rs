@@ -20,7 +20,7 @@ summary into DIR (relume-demo if left out). Takes about two minutes on two cores
   --moments N  with --day: moments from dawn to dusk (400 if left out)
   --standing   the site without its temple as a simulated view camera takes it, and the temple put in by the post, against a
                path trace of the site with it: three days, in colour differences: standing.json, standing.png, flicker.html
-  --hours H    with --standing: hours from picture to picture (2 if left out)
+  --hours H    with --standing: hours from picture to picture (1 if left out)
   --export DIR with --standing: write the site and its skies there for another renderer, and nothing else
   --truth DIR  with --standing: run the moments that it drew there, against its pictures, too
   --seed N     with --day: which clouds; with --standing: which noise (1 if left out)
@@ -56,8 +56,8 @@ fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
         (true, false) => fast_day(&out, moments.unwrap_or(400.0) as usize, seed.unwrap_or(1.0) as u64),
         (false, true) => match export {
             Some(_) if truth.is_some() => Err(Failure::bad("demo: --export is what --truth needs first; give one")),
-            Some(folder) => site_for_others(&folder, hours.unwrap_or(2.0)),
-            None => still_standing(&out, hours.unwrap_or(2.0), seed.unwrap_or(1.0) as u64, truth.as_deref()),
+            Some(folder) => site_for_others(&folder, hours.unwrap_or(1.0)),
+            None => still_standing(&out, hours.unwrap_or(1.0), seed.unwrap_or(1.0) as u64, truth.as_deref()),
         },
         (false, false) => demo(&out),
     }

@@ -56,7 +56,7 @@ fn act(mut parser: lexopt::Parser) -> Result<(), Failure> {
     let Arguments { file, json, setup } = arguments(&mut parser)?;
     let config = Config::load(&file).or_bad()?;
     let signals = listen()?;
-    let report = run(&config, setup, &signals)?;
+    let report = open(&config, setup, &signals)?;
     eprintln!("{} frames, {} drawn anew; ended: {}", report.frames, report.frames_changed, report.ended);
     eprintln!("{}", report.health.totals);
     if json { super::say_json(&report) } else { Ok(()) }
@@ -95,7 +95,11 @@ pub(super) fn listen() -> Result<Signals, Failure> {
     Ok(signals)
 }
 
-fn run(config: &Config, setup: bool, signals: &Signals) -> Result<PostReport, Failure> {
+/// Opens the post of a file and runs it to its end; `setup` shows the installer's labels.
+///
+/// # Errors
+/// [`Failure`]: bad input where a file that it names cannot be used, else a failure at run time.
+pub(crate) fn open(config: &Config, setup: bool, signals: &Signals) -> Result<PostReport, Failure> {
     // The program shows one field until it ends.
     let file: &'static FieldFile = Box::leak(Box::new(FieldFile::open(&config.field).or_bad()?));
     let field = file.field();

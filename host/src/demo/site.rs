@@ -17,6 +17,9 @@ use crate::sun::Place;
 /// Width and height of the pictures.
 pub(super) const SIZE: (u32, u32) = (300, 200);
 
+/// What the land around throws back: what a post takes it for unless its file says otherwise.
+const GROUND_ALBEDO: f64 = 0.2;
+
 /// What is baked, and how long that took.
 pub(super) struct Site {
     pub scene: Scene,
@@ -58,6 +61,11 @@ impl Site {
     pub fn place() -> Place {
         let [latitude_deg, longitude_deg] = demo_scene::SITE_DEG;
         Place { latitude_deg, longitude_deg }
+    }
+
+    /// The same as a post's file has it.
+    pub fn in_config() -> crate::config::Site {
+        crate::config::Site { place: Site::place(), elevation_m: 0.0, ground_albedo: GROUND_ALBEDO }
     }
 
     /// The bake in one line.

@@ -42,16 +42,16 @@ impl fmt::Display for Judgement {
     }
 }
 
-/// Judges what is shown by what would be, where the field covers pixels and where `real` and `whole` tell that light changes.
+/// Judges what is shown by what would be, where a field covers pixels ([`covered`]) and where `real` and `whole` tell that light
+/// changes.
 pub(super) fn judge(
     shown: &[u32],
     truth: &[u32],
     (real, whole): (&Reference, &Reference),
-    field: Field<'_>,
+    covered: &[bool],
 ) -> Judgement {
-    let covered = covered(&field);
     let light = |rgb: [f32; 3]| rgb.iter().sum::<f32>();
-    let width = field.width();
+    let width = real.width as usize;
     // A path trace's single pixels are too noisy to tell shadow from light.
     let is_shadowed = |at: usize| {
         let near = neighbours(at, width, real.rgb.len());
@@ -78,7 +78,8 @@ pub(super) fn judge(
     }
 }
 
-fn covered(field: &Field<'_>) -> Vec<bool> {
+/// Of a field's pixels, which are covered.
+pub(super) fn covered(field: &Field<'_>) -> Vec<bool> {
     let mut covered = vec![false; field.width() * field.height()];
     let columns = field.response().grid().0;
     for index in 0..field.response().tiles() {
@@ -135,4 +136,72 @@ pub(super) fn difference_map(shown: &[u32], truth: &[u32]) -> Vec<u32> {
         code * 0x0001_0101
     };
     shown.iter().zip(truth).map(grey).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WIDTH: usize = 16;
+
+    fn grey(code: u32) -> u32 {
+        code * 0x0001_0101
+    }
+
+    fn picture(light: impl Fn(usize) -> f32) -> Reference {
+        let rgb: Vec<[f32; 3]> = (0..WIDTH * WIDTH).map(|at| [light(at); 3]).collect();
+        Reference { width: WIDTH as u32, height: WIDTH as u32, coverage: vec![1.0; rgb.len()], rgb }
+    }
+
+    /// The left quarter is covered; the light of the right half changes by `change`.
+    fn judged(shown: impl Fn(usize) -> u32, truth: u32, change: f32) -> Judgement {
+        let covered: Vec<bool> = (0..WIDTH * WIDTH).map(|at| at % WIDTH < 4).collect();
+        let (real, whole) = (picture(|_| 1.0), picture(|at| if at % WIDTH >= 8 { 1.0 + change } else { 1.0 }));
+        let shown: Vec<u32> = (0..WIDTH * WIDTH).map(shown).collect();
+        judge(&shown, &vec![grey(truth); WIDTH * WIDTH], (&real, &whole), &covered)
+    }
+
+    /// CIEDE2000 of two greys is the difference of their L* over its weight at their mean.
+    fn of_greys(a: u8, b: u8) -> f64 {
+        let [a, b] = [a, b].map(|code| 116.0 * srgb_linear(code).cbrt() - 16.0);
+        let away = (0.5 * (a + b) - 50.0).powi(2);
+        (a - b).abs() / (1.0 + 0.015 * away / (20.0 + away).sqrt())
+    }
+
+    #[test]
+    fn temple_and_shadow_are_judged_and_nothing_else() {
+        // The temple is 8 codes off, the shadow 3, what is neither is far off.
+        let shown = |at: usize| {
+            grey(if at % WIDTH < 4 {
+                128
+            } else if at % WIDTH >= 7 {
+                123
+            } else {
+                250
+            })
+        };
+        let found = judged(shown, 120, -0.5);
+        // A shadow is looked for over neighbours, so that it begins a pixel earlier.
+        assert_eq!(found.pixels, 13 * WIDTH);
+        let near = |found: f64, a: u8, b: u8| (found - of_greys(a, b)).abs() < 1e-3;
+        assert!(near(found.covered_median, 128, 120) && near(found.receiver_median, 123, 120), "{found:?}");
+        assert!(near(found.median, 123, 120) && near(found.high, 128, 120), "{found:?}");
+        // Light that is thrown back counts, light that hardly changes does not.
+        assert_eq!(judged(shown, 120, 0.2).pixels, 13 * WIDTH);
+        assert_eq!(judged(shown, 120, -0.02).pixels, 4 * WIDTH);
+    }
+
+    #[test]
+    fn blocks_forgive_noise_and_no_bias() {
+        let noisy = judged(|at| grey(if (at + at / WIDTH).is_multiple_of(2) { 132 } else { 107 }), 120, -0.5);
+        assert!(noisy.median > 4.0 && noisy.high_of_blocks < 0.4, "{noisy:?}");
+        let biased = judged(|_| grey(126), 120, -0.5);
+        assert!((biased.median_of_blocks - of_greys(126, 120)).abs() < 1e-3, "{biased:?}");
+        assert_eq!(judged(|_| grey(120), 120, -0.5).high, 0.0);
+    }
+
+    #[test]
+    fn a_map_is_black_where_nothing_differs_and_white_from_ten_on() {
+        assert_eq!(difference_map(&[grey(90), 0x00ff_0000], &[grey(90), 0x0000_00ff]), [0, 0x00ff_ffff]);
+    }
 }
