@@ -143,6 +143,11 @@ class PostCheck(Findings):
         """Every seventh byte of what the first socket shows."""
         return self.board.screendump(self.board.out / "screen.ppm").read_bytes()[15::7]
 
+    def lit_screen(self):
+        """The same, unless it is nearly black."""
+        screen = self.screen()
+        return screen if sum(screen) > 20 * len(screen) else None
+
     def screenshot(self):
         """A screenshot of the post's own, and what the screen showed before and after it, which must be the same."""
         shot, dumps = self.board.out / "screenshot.png", [self.board.out / f"shot_{k}.ppm" for k in (0, 1)]
@@ -192,7 +197,7 @@ class PostCheck(Findings):
 
     def fault(self, name, do, undo, *words, shows=True):
         """A fault comes, is told where `words` are given, and goes; the picture stays up all the while, if the screen `shows`."""
-        before = self.screen()
+        before = self.board.until(self.lit_screen, PATIENCE_S, "a picture that is not black")
         self.order(do)
         if words:
             self.until(*words)

@@ -195,7 +195,12 @@ impl CapturedSky {
         }
         let exposures_stay = self.take(moment.unix_s)?;
         let sun = self.sun(moment);
-        if !self.shows(sun)? || self.waits(exposures_stay) {
+        let shows = self.shows(sun);
+        if !matches!(shows, Ok(true)) {
+            // What comes next may be half of it black still.
+            self.waited = self.waited.max(1);
+        }
+        if !shows? || self.waits(exposures_stay) {
             return Ok(false);
         }
         self.capture.weights_into(&self.merged, sun, &mut self.captured).map_err(failed)?;
