@@ -231,11 +231,12 @@ impl Capture {
 
     /// Share of the sky's pixels that are clipped.
     pub fn clipped_share(&self, merged: &Merged) -> f64 {
-        let counted = merged.state.iter().zip(&self.shares.omegas).filter(|(_, omega)| **omega > 0.0);
-        let (clipped, all) = counted.fold((0usize, 0usize), |(clipped, all), (state, _)| {
-            (clipped + usize::from(*state == PixelState::Clipped), all + 1)
-        });
-        clipped as f64 / all.max(1) as f64
+        self.clipped_pixels(merged) as f64 / self.shares.count().max(1) as f64
+    }
+
+    fn clipped_pixels(&self, merged: &Merged) -> usize {
+        let states = merged.state.iter().zip(&self.shares.omegas);
+        states.filter(|(state, omega)| **omega > 0.0 && **state == PixelState::Clipped).count()
     }
 
     /// Weights of a merged picture; `sun` is the ephemeris' position, none while the time is not known.
@@ -263,8 +264,7 @@ impl Capture {
             return Err(CaptureError::Size { lens_width, lens_height, width: merged.width, height: merged.height });
         }
         self.intake.take(merged, self.settings.radiance_scale as f32, &mut self.sky);
-        let states = merged.state.iter().zip(&self.shares.omegas);
-        into.clipped_pixels = states.filter(|(state, omega)| **omega > 0.0 && **state == PixelState::Clipped).count();
+        into.clipped_pixels = self.clipped_pixels(merged);
         let up = sun.filter(|position| luminance(clear_beam(position.altitude_deg as f32, 3.0)) > 0.0);
         (into.weights.sun, into.beam_share) = (None, None);
         into.sun_source = match (sun, up) {

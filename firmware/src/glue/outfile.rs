@@ -143,7 +143,7 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// A temporary file of `a.json` is `.a.json.XXXXXX.tmp`, with random letters and digits.
+/// A temporary file of `a.json` is `.a.json.`, six random letters or digits, and `.tmp`.
 const TEMP_RANDOM: usize = 6;
 const TEMP_SUFFIX: &str = ".tmp";
 

@@ -1,7 +1,7 @@
 //! `[display]`: a screen, or pictures in a folder.
 
-use super::ConfigError;
 use super::reader::Reader;
+use super::{ConfigError, KEYS};
 use crate::display::config::{BufferKind, KmsConfig, ModeWish, Modesetting, PixelFormat, Rotation};
 use std::path::{Path, PathBuf};
 
@@ -38,15 +38,6 @@ impl DisplayConfig {
 }
 
 const HEADLESS_KEYS: [&str; 2] = ["display.folder", "display.every"];
-const KMS_KEYS: [&str; 7] = [
-    "display.card",
-    "display.connector",
-    "display.mode",
-    "display.rotation_deg",
-    "display.format",
-    "display.buffers",
-    "display.modesetting",
-];
 
 /// The word in `display.mode` for a display that is looked through.
 const ADDITIVE: &str = "additive";
@@ -81,9 +72,12 @@ pub(super) fn display(r: &Reader) -> Result<DisplayConfig, ConfigError> {
     let is_kms = r.choice("display.kind", &kinds)?.ok_or_else(|| {
         r.fault("display.kind is missing: add [display] with kind = \"kms\" for a screen or \"headless\"".into())
     })?;
-    let (kind, foreign) = if is_kms { ("kms", &HEADLESS_KEYS[..]) } else { ("headless", &KMS_KEYS[..]) };
+    let kind = if is_kms { "kms" } else { "headless" };
+    // What is not for pictures in a folder is for screens.
+    let is_foreign = |key: &str| HEADLESS_KEYS.contains(&key) == is_kms && key != "display.kind";
+    let mut foreign = KEYS.iter().filter(|key| key.starts_with("display.") && is_foreign(key));
     let additive = is_additive(r)?;
-    if let Some(key) = foreign.iter().find(|key| r.has(key) && !(additive && **key == "display.mode")) {
+    if let Some(key) = foreign.find(|key| r.has(key) && !(additive && **key == "display.mode")) {
         return Err(r.fault(format!("{key} is not used with display.kind = \"{kind}\"; remove it")));
     }
     if is_kms { kms(r).map(DisplayConfig::Kms) } else { headless(r) }

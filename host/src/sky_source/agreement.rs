@@ -17,8 +17,7 @@ pub const ASTRAY_EVERY: u64 = 4;
 /// curve is known stay below a tenth of it under noise, clouds and birds, by day and at dusk.
 const TOLD: f64 = 0.04;
 
-/// The sun's distance from its place that is told, degrees: beyond its own
-/// spot it counts as covered.
+/// The sun's distance from its place that is told, degrees: beyond its own spot it counts as covered.
 const ASTRAY_DEG: f64 = 2.0;
 
 /// A figure of the newest series.

@@ -267,10 +267,11 @@ impl CapturedSky {
     /// Whether better exposures are waited for, after the light has leapt, as when a cap is taken off the lens: a series that
     /// was black, or clipped nearly everywhere, and those after it until exposures fit, are no light to show.
     fn waits(&mut self, exposures_stay: bool) -> bool {
-        let is_blinded = self.capture.clipped_share(&self.merged) > BLINDED_SHARE;
-        let waits = !exposures_stay && (is_blinded || self.waited > 0) && self.waited < ATTEMPTS;
+        let is_blinded = || self.capture.clipped_share(&self.merged) > BLINDED_SHARE;
+        let may_wait = !exposures_stay && self.waited < ATTEMPTS && matches!(self.device, Device::Live(_));
+        let waits = may_wait && (self.waited > 0 || is_blinded());
         self.waited = if waits { self.waited + 1 } else { 0 };
-        waits && matches!(self.device, Device::Live(_))
+        waits
     }
 
     /// Where the sun stood when the frames were taken; a recording's own time comes first.
