@@ -7,12 +7,13 @@
 //!   else the difference that the smooth sky makes between the patch and its seen part.
 //! - The sun's place is the ephemeris'. What stands above the in-painted sky within 1 degree of it (or the clipped blob) is
 //!   taken out of the patches. Its irradiance is that excess where no pixel of it is clipped. Else it is the clear-sky
-//!   model's beam in the unit of the measured sky (the lower quartile of measured over modelled patch luminance, as clouds
-//!   are brighter than the clear sky behind them), times what the aureole tells of it (`capture/beam.rs`).
+//!   model's beam, in the haze and unit that the clear parts of the sky tell (`capture/clearsky.rs`), times what comes through
+//!   of it by what is seen around the disc (`capture/beam.rs`).
 //! - The lower hemisphere, which the camera does not see, is ground albedo x horizontal irradiance / pi.
 
 mod astray;
 mod beam;
+mod clearsky;
 mod intake;
 mod shares;
 mod sunspot;
@@ -21,12 +22,13 @@ use crate::bracket::{Merged, PixelState};
 use crate::colour::CameraColour;
 use crate::lens::Lens;
 use crate::map::luminance;
-use crate::skymodel::{Atmosphere, SkyModel, clear_beam};
+use crate::skymodel::clear_beam;
 use crate::smooth::SmoothSky;
 use crate::split::{MIN_DISC_CONTRAST, MIN_IRRADIANCE_SHARE};
 use crate::sun::{SunPosition, dir_world};
 use crate::weights::{PatchWeights, SunWeight, sun_solid_angle_sr};
 use beam::Beam;
+use clearsky::{ClearSky, Measured};
 use intake::Intake;
 use relume_firmware::patches::PatchSet;
 use shares::Shares;
@@ -36,8 +38,10 @@ use sunspot::SunSpot;
 const SEEN_SHARE: f64 = 0.25;
 /// A share of a patch that is less than this does not count as missing: what rounding leaves.
 const MISSING: f32 = 0.01;
-/// A clipped pixel at the sun's place shows the sun if it is at least this much brighter than the sky around it.
+/// A clipped pixel at the sun's place shows the sun if it is at least this much brighter than the sky around it, as far as it could
+/// be measured; or if what is around it tells of so much of the beam.
 const CLIPPED_CONTRAST: f64 = 3.0;
+const PLAIN_SHARE: f64 = 0.1;
 /// Less than this share of the clear-sky beam is a veiled sun.
 const VEILED: f64 = 0.75;
 
@@ -48,7 +52,7 @@ pub struct CaptureSettings {
     pub radiance_scale: f64,
     /// RGB albedo of the ground, 0..1.
     pub ground_albedo: [f32; 3],
-    /// Turbidity of the clear-sky model for a clipped sun.
+    /// Turbidity of the clear-sky model for a clipped sun, until the sky has told its own.
     pub turbidity: f32,
     /// Where north lies, degrees from -Z towards +X.
     pub north_deg: f64,
@@ -146,12 +150,12 @@ pub struct Capture {
     shares: Shares,
     filled_share: Vec<f32>,
     filled_patches: usize,
+    clear_sky: ClearSky,
     beam: Beam,
     intake: Intake,
-    /// Scratch: Rec.709 radiance per picture pixel in the weights' unit, sums per patch, ratios to the model.
+    /// Scratch: Rec.709 radiance per picture pixel in the weights' unit, and sums per patch.
     sky: Vec<[f32; 3]>,
     sums: Vec<[f64; 3]>,
-    ratios: Vec<f32>,
     smooth: SmoothSky,
     spot: SunSpot,
 }
@@ -189,11 +193,11 @@ impl Capture {
             lens: lens.clone(),
             size: (width, height),
             shares,
+            clear_sky: ClearSky::default(),
             beam: Beam::default(),
             intake: Intake::new(lens, (width, height)),
             sky: Vec::new(),
             sums: Vec::new(),
-            ratios: Vec::new(),
             smooth: SmoothSky::default(),
             spot: SunSpot::default(),
         })
@@ -360,29 +364,27 @@ impl Capture {
 
     fn add_sun(&mut self, position: SunPosition, into: &mut Captured) -> SunSource {
         let spot = &self.spot;
-        let light = f64::from(luminance(spot.irradiance.map(|v| v as f32)));
+        let least = spot.irradiance.map(|v| v as f32);
+        let light = f64::from(luminance(least));
         let upper = self.set.upper();
         let of_patch = |at: usize| f64::from(luminance(into.weights.radiance[at]) * self.set.solid_angle_sr(at));
         let sky = 0.5 * (0..upper).map(of_patch).sum::<f64>();
-        let is_little = |light: f64| light < MIN_IRRADIANCE_SHARE * sky;
-        let stands_out = if spot.clipped {
-            spot.brightest >= CLIPPED_CONTRAST * spot.ring
-        } else {
-            light / sun_solid_angle_sr() >= MIN_DISC_CONTRAST * spot.ring
-        };
-        if !stands_out || light <= 0.0 {
+        if light <= 0.0 {
             return SunSource::Covered;
         }
-        let least = spot.irradiance.map(|v| v as f32);
         let (irradiance, source) = if spot.clipped {
-            let (modelled, share) = self.modelled_sun(position, &into.weights.radiance);
+            let Some((modelled, share)) = self.modelled_sun(position, &into.weights.radiance) else {
+                return SunSource::Covered;
+            };
             into.beam_share = Some(share);
             let source = if share < VEILED { SunSource::Veiled } else { SunSource::ClearSkyModel };
             (std::array::from_fn(|k| modelled[k].max(least[k])), source)
-        } else {
+        } else if light / sun_solid_angle_sr() >= MIN_DISC_CONTRAST * spot.ring {
             (least, SunSource::Measured)
+        } else {
+            return SunSource::Covered;
         };
-        if is_little(f64::from(luminance(irradiance))) {
+        if f64::from(luminance(irradiance)) < MIN_IRRADIANCE_SHARE * sky {
             return SunSource::Covered;
         }
         let above = SunPosition { altitude_deg: position.altitude_deg.max(0.0), ..position };
@@ -390,24 +392,17 @@ impl Capture {
         source
     }
 
-    /// What comes through of the clear-sky beam in the measured sky's unit, and its share of that beam.
-    fn modelled_sun(&mut self, position: SunPosition, radiance: &[[f32; 3]]) -> ([f32; 3], f64) {
-        let atmosphere = Atmosphere {
-            turbidity: self.settings.turbidity,
-            ground_albedo: self.settings.ground_albedo,
-            ..Atmosphere::default()
+    /// What comes through of the clear-sky beam in the measured sky's unit, and its share of that beam; none where what is
+    /// clipped is no sun.
+    fn modelled_sun(&mut self, sun: SunPosition, radiance: &[[f32; 3]]) -> Option<([f32; 3], f64)> {
+        let clear = self.clear_sky.look(&Measured { set: &self.set, radiance, sun, settings: &self.settings });
+        let stands_out = self.spot.brightest >= CLIPPED_CONTRAST * self.spot.ring;
+        let share = match self.beam.look(&self.spot.near, &clear) {
+            Some(share) if stands_out || share >= PLAIN_SHARE => share,
+            None if stands_out => 1.0,
+            _ => return None,
         };
-        let model = SkyModel::new(atmosphere, position, self.settings.north_deg, 0.0);
-        self.ratios.clear();
-        for (patch, &found) in radiance.iter().enumerate().take(self.set.upper()) {
-            let clear = luminance(model.radiance(self.set.dir_world(patch))).max(1e-12);
-            self.ratios.push(luminance(found) / clear);
-        }
-        self.ratios.sort_unstable_by(f32::total_cmp);
-        let quarters = [self.ratios.len() / 4, self.ratios.len() / 2].map(|at| f64::from(self.ratios[at]));
-        let (share, unit) = self.beam.look(&self.spot.near, &model, quarters);
-        let beam = clear_beam(position.altitude_deg as f32, self.settings.turbidity);
-        (beam.map(|v| v * (unit * share) as f32), share)
+        Some((clear.beam.map(|v| v * share as f32), share))
     }
 }
 

@@ -110,7 +110,8 @@ impl SkyModel {
         let height = model.sun_dir[1].max(0.0);
         let clear = horizontal_irradiance(|dir| model.clear(dir));
         model.above_clouds = std::array::from_fn(|k| clear[k] + model.beam[k] * height);
-        let under = horizontal_irradiance(|dir| model.radiance(dir));
+        let is_cloudy = atmosphere.cloud_cover > 0.0;
+        let under = if is_cloudy { horizontal_irradiance(|dir| model.radiance(dir)) } else { clear };
         let passed = model.clouds.transmission(model.sun_dir);
         model.on_ground = std::array::from_fn(|k| under[k] + model.beam[k] * passed * height);
         model

@@ -3,6 +3,9 @@ use crate::bracket::{MergeSettings, Merger};
 use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
 use crate::camera::{Exposure, take_series};
 use crate::response::Response;
+use crate::skymodel::{Atmosphere, SkyModel};
+
+mod sun;
 
 const SUN: SunPosition = SunPosition { azimuth_deg: 150.0, altitude_deg: 45.0 };
 
@@ -20,14 +23,20 @@ fn flat(size: usize, value: [f32; 3]) -> Merged {
     }
 }
 
-fn capture(settings: SyntheticSettings, times_s: &[f64]) -> (Captured, SyntheticCamera) {
-    let mut camera = SyntheticCamera::new(settings);
+/// A series of a camera that shows the true sky of its moment.
+fn taken(camera: &mut SyntheticCamera, times_s: &[f64]) -> Merged {
     let rows = camera.response_curve().iter().enumerate().map(|(i, &v)| [i as f64 / 255.0, v, v, v]).collect();
     let merge = MergeSettings { response: Response::from_rows(rows, "r").unwrap(), ..MergeSettings::default() };
     let exposures: Vec<Exposure> = times_s.iter().map(|&exposure_s| Exposure { exposure_s, gain: 1.0 }).collect();
     let (mut frames, mut merged) = (Vec::new(), Merged::default());
-    take_series(&mut camera, &exposures, &mut frames).unwrap();
+    take_series(camera, &exposures, &mut frames).unwrap();
     Merger::new(merge).merge(&frames, &mut merged).unwrap();
+    merged
+}
+
+fn capture(settings: SyntheticSettings, times_s: &[f64]) -> (Captured, SyntheticCamera) {
+    let mut camera = SyntheticCamera::new(settings);
+    let merged = taken(&mut camera, times_s);
     let settings = CaptureSettings { radiance_scale: camera.radiance_scale(), ..CaptureSettings::default() };
     let size = (merged.width, merged.height);
     let mut capture = Capture::new(camera.lens(), size, set(), settings, None).unwrap();
@@ -186,49 +195,6 @@ fn geometry_alone_costs_less_than_a_hundredth_of_a_per_cent() {
         assert!(median < most && worst < 0.02, "{name}: {median} {worst}");
         let irradiance_off = found.irradiance_off(&set());
         assert!(irradiance_off.abs() < 1.5e-2, "{name}: {irradiance_off}");
-    }
-}
-
-/// A sun behind a veil of even optical depth before the whole sky, or none, as a camera sees it that it saturates.
-fn veiled(capture: &mut Capture, share: f32, seed: u64, altitude_deg: f64) -> (f32, SunSource) {
-    let position = SunPosition { azimuth_deg: 150.0, altitude_deg };
-    let clear = SkyModel::new(Atmosphere::default(), position, 0.0, 0.0);
-    let above = clear.horizontal_irradiance();
-    let mut merged = flat(480, [0.0; 3]);
-    let clouds = Atmosphere { cloud_cover: 0.45, cloud_seed: seed, ..Atmosphere::default() };
-    let rough = crate::clouds::Clouds::new(&clouds, 0.0);
-    for (pixel, value) in merged.radiance.iter_mut().enumerate() {
-        let at = [(pixel % 480) as f64 + 0.5, (pixel / 480) as f64 + 0.5];
-        let seen = capture.lens.unproject(at).filter(|d| d[1] >= 0.0);
-        let Some(dir) = seen.map(|d| d.map(|c| c as f32)) else { continue };
-        // A veil around the sun that is rough by a tenth, clouds elsewhere.
-        let apart = crate::sun::angle_deg(dir, clear.sun_dir()) as f32;
-        let veil = share.powf(1.0 + 0.1 * (rough.optical_depth(dir) - 7.0) / 7.0);
-        let passed = if apart < 25.0 { veil } else { rough.transmission(dir) };
-        let sky = clear.radiance(dir);
-        *value = std::array::from_fn(|k| passed * sky[k] + (1.0 - passed) * 0.6 * above[k] / std::f32::consts::PI);
-        if apart < 0.6 {
-            (*value, merged.state[pixel]) = ([400.0; 3], PixelState::Clipped);
-        }
-    }
-    let found = capture.weights(&merged, Some(position)).unwrap();
-    let beam = luminance(clear_beam(altitude_deg as f32, 3.0));
-    (found.weights.sun.map_or(0.0, |sun| luminance(sun.irradiance)) / beam, found.sun_source)
-}
-
-#[test]
-fn a_veiled_sun_is_dimmed_by_what_its_aureole_tells() {
-    let lens = Lens::zenith_equidistant(480, 480, 185.0);
-    let mut capture = Capture::new(&lens, (480, 480), set(), CaptureSettings::default(), None).unwrap();
-    for altitude_deg in [15.0, 40.0, 65.0] {
-        for (seed, share) in [(21, 1.0), (22, 0.7), (23, 0.4), (24, 0.15), (25, 0.03)] {
-            let (found, source) = veiled(&mut capture, share, seed, altitude_deg);
-            eprintln!("sun {altitude_deg} degrees high, {share} of the beam: found {found:.3}, {source:?}");
-            // A thin veil counts as none: see `capture/beam.rs`.
-            let most = if share > 0.5 { 0.35 } else { 0.15 };
-            assert!((found - share).abs() < most, "{altitude_deg} {share}: {found}");
-            assert!((source == SunSource::Veiled) == (share < 0.5), "{share}: {source:?}");
-        }
     }
 }
 

@@ -1,0 +1,179 @@
+//! What the clear sky between clouds tells: haze, the unit of the measured sky, and whether it is clear around the sun.
+//!
+//! If the model's haze is the sky's own, measured over modelled luminance is one factor, the unit, wherever a patch shows clear
+//! sky; clouds lie anywhere. So the haze is that for which a quarter of the patches agrees best: whose shortest interval that
+//! holds a quarter of the logarithms (Rousseeuw & Leroy 1988, the shorth, of another share) is shortest. The unit is that
+//! interval's median. An overcast sky tells nothing, and what was known stays.
+
+use super::CaptureSettings;
+use crate::map::luminance;
+use crate::skymodel::{Atmosphere, SkyModel, clear_beam};
+use crate::sun::{SunPosition, angle_deg};
+use relume_firmware::patches::PatchSet;
+
+/// Share of the patches that must agree.
+const AGREEING: f64 = 0.25;
+/// They agree if their logarithms lie within this.
+const TIGHT: f64 = 0.2;
+/// Turbidities that are tried before any is known: from the first up, each times the factor.
+const FIRST: (f64, f64, i32) = (1.7, 1.2, 10);
+/// Turbidities beside the known one, as a factor; and how much better one must agree to take its place.
+const STEP: f64 = 1.06;
+const BETTER: f64 = 0.98;
+/// Most steps at once.
+const STEPS: usize = 12;
+/// Part of the way that haze and unit go to newly seen ones of patches that agree entirely.
+const FOLLOW: f64 = 0.3;
+/// The sky is clear around the sun if this share of the patches at these angles, degrees, is clear: within so much of the unit in
+/// every channel.
+const AROUND_DEG: [f64; 2] = [9.0, 25.0];
+const AROUND_SHARE: f64 = 0.8;
+const AROUND_LOG: f64 = 0.1;
+const LEAST_AROUND: usize = 4;
+
+/// What has been learnt of the clear sky.
+#[derive(Clone, Debug, Default)]
+pub(super) struct ClearSky {
+    /// Turbidity and unit.
+    known: Option<(f64, f64)>,
+    /// Scratch: logarithms of measured over modelled luminance.
+    logs: Vec<f64>,
+}
+
+/// The clear sky of one moment, as far as it is known.
+pub(super) struct Clear {
+    pub model: SkyModel,
+    /// Measured over modelled radiance.
+    pub unit: f64,
+    /// Whether haze and unit were ever seen; else they are the settings' and the lower quartile's (clouds are brighter than the
+    /// clear sky behind them).
+    pub is_known: bool,
+    /// Whether the sky shows to be clear around the sun.
+    pub around_sun: bool,
+    /// The sun's irradiance on a plane normal to it, in the measured sky's unit.
+    pub beam: [f32; 3],
+}
+
+/// A measured sky under a sun.
+pub(super) struct Measured<'m> {
+    pub set: &'m PatchSet,
+    pub radiance: &'m [[f32; 3]],
+    pub sun: SunPosition,
+    pub settings: &'m CaptureSettings,
+}
+
+impl Measured<'_> {
+    fn model(&self, turbidity: f64) -> SkyModel {
+        let atmosphere = Atmosphere {
+            turbidity: turbidity as f32,
+            ground_albedo: self.settings.ground_albedo,
+            ..Atmosphere::default()
+        };
+        SkyModel::new(atmosphere, self.sun, self.settings.north_deg, 0.0)
+    }
+
+    /// Logarithm of measured over modelled luminance of an upper patch.
+    fn log(&self, model: &SkyModel, patch: usize) -> f64 {
+        let modelled = luminance(model.radiance(self.set.dir_world(patch))).max(1e-12);
+        f64::from(luminance(self.radiance[patch]).max(1e-12) / modelled).ln()
+    }
+}
+
+impl ClearSky {
+    /// Learns from a measured sky and tells what the clear sky is like.
+    pub fn look(&mut self, measured: &Measured<'_>) -> Clear {
+        let mut turbidity = self.known.map_or(f64::from(measured.settings.turbidity), |(turbidity, _)| turbidity);
+        if self.known.is_none() {
+            turbidity = self.first(measured, turbidity);
+        }
+        turbidity = self.climb(measured, turbidity);
+        let (width, middle) = self.agreement(measured, &measured.model(turbidity));
+        let is_tight = width <= TIGHT;
+        if is_tight {
+            self.learn(turbidity, middle, width);
+        }
+        let own = f64::from(measured.settings.turbidity);
+        let turbidity = self.known.map_or(own, |(turbidity, _)| turbidity);
+        let model = measured.model(turbidity);
+        let unit = self.known.map_or_else(|| self.lower_quartile(measured, &model), |(_, unit)| unit);
+        let beam = clear_beam(measured.sun.altitude_deg as f32, turbidity as f32).map(|v| v * unit as f32);
+        let around_sun = is_tight && is_clear_around(measured, &model, unit);
+        Clear { model, unit, is_known: self.known.is_some(), around_sun, beam }
+    }
+
+    /// Takes in what a moment told: the closer its patches agree, the more.
+    fn learn(&mut self, turbidity: f64, unit: f64, width: f64) {
+        let part = FOLLOW * (1.0 - width / TIGHT);
+        self.known = Some(self.known.map_or((turbidity, unit), |(old_turbidity, old_unit)| {
+            (old_turbidity + part * (turbidity - old_turbidity), old_unit + part * (unit - old_unit))
+        }));
+    }
+
+    /// The best of turbidities all over the range, and of `own`.
+    fn first(&mut self, measured: &Measured<'_>, own: f64) -> f64 {
+        let mut best = (self.agreement(measured, &measured.model(own)).0, own);
+        for step in 0..FIRST.2 {
+            let turbidity = FIRST.0 * FIRST.1.powi(step);
+            let width = self.agreement(measured, &measured.model(turbidity)).0;
+            if width < BETTER * best.0 {
+                best = (width, turbidity);
+            }
+        }
+        best.1
+    }
+
+    /// Goes from a turbidity to its neighbour for as long as that agrees better.
+    fn climb(&mut self, measured: &Measured<'_>, from: f64) -> f64 {
+        let mut best = (self.agreement(measured, &measured.model(from)).0, from);
+        for factor in [STEP, 1.0 / STEP] {
+            for _ in 0..STEPS {
+                let turbidity = (best.1 * factor).clamp(1.7, 10.0);
+                let width = self.agreement(measured, &measured.model(turbidity)).0;
+                if width >= BETTER * best.0 {
+                    break;
+                }
+                best = (width, turbidity);
+            }
+        }
+        best.1
+    }
+
+    /// Width of the shortest interval that holds the agreeing patches' logarithms, and the unit in its middle.
+    fn agreement(&mut self, measured: &Measured<'_>, model: &SkyModel) -> (f64, f64) {
+        self.take_logs(measured, model);
+        let count = ((AGREEING * self.logs.len() as f64) as usize).max(1);
+        let widths = self.logs.iter().zip(self.logs.iter().skip(count)).map(|(low, high)| high - low);
+        let best = widths.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((at, width)) = best else { return (f64::INFINITY, 1.0) };
+        (width, self.logs[at + count / 2].exp())
+    }
+
+    fn lower_quartile(&mut self, measured: &Measured<'_>, model: &SkyModel) -> f64 {
+        self.take_logs(measured, model);
+        self.logs.get(self.logs.len() / 4).map_or(1.0, |log| log.exp())
+    }
+
+    fn take_logs(&mut self, measured: &Measured<'_>, model: &SkyModel) {
+        self.logs.clear();
+        self.logs.extend((0..measured.set.upper()).map(|patch| measured.log(model, patch)));
+        self.logs.sort_unstable_by(f64::total_cmp);
+    }
+}
+
+fn is_clear_around(measured: &Measured<'_>, model: &SkyModel, unit: f64) -> bool {
+    let (mut clear, mut all) = (0, 0);
+    for patch in 0..measured.set.upper() {
+        let dir = measured.set.dir_world(patch);
+        let apart = angle_deg(dir, model.sun_dir());
+        if (AROUND_DEG[0]..AROUND_DEG[1]).contains(&apart) {
+            all += 1;
+            clear += usize::from(looks_clear(measured.radiance[patch], model.radiance(dir), unit));
+        }
+    }
+    all >= LEAST_AROUND && clear as f64 >= AROUND_SHARE * all as f64
+}
+
+fn looks_clear(found: [f32; 3], modelled: [f32; 3], unit: f64) -> bool {
+    let log = |k: usize| (f64::from(found[k].max(1e-12) / modelled[k].max(1e-12)) / unit).ln();
+    (0..3).all(|k| log(k).abs() < AROUND_LOG)
+}
