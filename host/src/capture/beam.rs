@@ -7,7 +7,8 @@
 //!   passed * (clear sky of the model) + share * (halo) + (colour of all light above the clouds) * (constant + slopes + bulge),
 //! where passed and share are held together by a weak tie: it decides where a lens has no halo.
 //! - The halo is learnt whenever the sky is clear around the sun, ring by ring: what is beyond the model there, over the beam. An
-//!   aureole that is not the model's is learnt with it.
+//!   aureole that is not the model's is learnt with it. Until then a bell of any height stands for it, which says nothing of
+//!   the share; the passed light does.
 //! - Where the pixels next to the disc look as a clear sun makes them, the sun is clear, whatever the cloud beside it does.
 
 use super::clearsky::Clear;
@@ -31,6 +32,15 @@ const LEAST_IN_RING: usize = 4;
 const FOLLOW: f32 = 0.1;
 const SEEN_OFTEN: u32 = 10;
 const MOST: [f32; 2] = [0.03, 0.002];
+/// Shares of the sky around the sun that must look clear for its halo to be learnt, and for one to be guessed.
+const CLEAR_AROUND: f64 = 0.8;
+const HALF_CLEAR_AROUND: f64 = 0.5;
+/// A guessed halo falls over so many degrees by this factor at least, from this radiance over the beam at least.
+const GUESS_DEG: f32 = 2.5;
+const GUESS_FALL: f32 = 3.0;
+const GUESS_LEAST: f32 = 0.05;
+/// Length of the exponential that stands for an unknown halo, degrees.
+const UNKNOWN_DEG: f32 = 1.5;
 /// Pixels next to the disc count by a Gaussian of this width in their distance from the nearest, degrees; they look clear if no
 /// channel's logarithm is off by more.
 const NEXT_DEG: f32 = 1.0;
@@ -49,6 +59,8 @@ pub(super) struct Near {
 pub(super) struct Beam {
     /// Radiance around a clear sun beyond the model's, over the sun's irradiance, per ring.
     halo: [[f32; 3]; RINGS],
+    /// Whether it was learnt or guessed, and how often learnt.
+    is_known: bool,
     seen: u32,
     /// Scratch: pixels by their place and what a clear sky would show there, and a ring's values.
     places: Vec<Place>,
@@ -78,14 +90,22 @@ impl Beam {
             return None;
         }
         self.take_places(near, clear);
-        if clear.around_sun {
+        if clear.around_sun >= CLEAR_AROUND {
             self.learn(clear.beam);
+        } else if !self.is_known && clear.around_sun >= HALF_CLEAR_AROUND {
+            self.guess(clear.beam);
         }
+        let is_halo_known = self.is_known;
         for place in &mut self.places {
-            let halo = halo_at(&self.halo, place.apart_deg());
+            let apart_deg = place.apart_deg();
+            let unknown = [(-apart_deg / UNKNOWN_DEG).exp(); 3];
+            let halo = if is_halo_known { halo_at(&self.halo, apart_deg) } else { unknown };
             place.halo = std::array::from_fn(|k| halo[k] * clear.beam[k]);
         }
-        let share = share(&self.places, white(clear))?;
+        let share = share(&self.places, white(clear), is_halo_known)?;
+        if !is_halo_known {
+            self.places.iter_mut().for_each(|place| place.halo = [0.0; 3]);
+        }
         let next = if clear.is_known { clear_next_to_disc(&self.places) } else { 0.0 };
         Some(share + next * (1.0 - share))
     }
@@ -132,6 +152,17 @@ impl Beam {
             outer = Some(self.halo[number]);
         }
         self.seen = self.seen.saturating_add(1);
+        self.is_known = true;
+    }
+
+    /// Takes a halo for the lens's, until one is learnt, from a sun in a sky that is only partly clear around it, if it falls
+    /// outwards from well above the sky: before a cloud none does.
+    fn guess(&mut self, beam: [f32; 3]) {
+        self.learn(beam);
+        let nearest = self.places.iter().map(Place::apart_deg).fold(f32::INFINITY, f32::min);
+        let [inner, outer] = [nearest, nearest + GUESS_DEG].map(|deg| luminance(halo_at(&self.halo, deg)));
+        self.is_known = outer > 0.0 && inner > GUESS_FALL * outer && inner > GUESS_LEAST;
+        self.seen = 0;
     }
 }
 
@@ -149,8 +180,8 @@ fn halo_at(halo: &[[f32; 3]; RINGS], apart_deg: f32) -> [f32; 3] {
     std::array::from_fn(|k| halo[low][k] + part * (halo[high][k] - halo[low][k]))
 }
 
-/// Share of the beam in the radiance around the sun.
-fn share(places: &[Place], white: [f64; 3]) -> Option<f64> {
+/// Share of the beam in the radiance around the sun: the halo's, or the passed light's where the halo is not known.
+fn share(places: &[Place], white: [f64; 3], is_halo_known: bool) -> Option<f64> {
     let (mut a, mut b) = ([[0.0; TERMS]; TERMS], [[0.0; 1]; TERMS]);
     for place in places {
         let [u, v] = place.at_deg.map(|deg| deg / WIDTH_DEG);
@@ -169,7 +200,7 @@ fn share(places: &[Place], white: [f64; 3]) -> Option<f64> {
             }
         }
     }
-    let tie = TIE * a[0][0];
+    let tie = if is_halo_known { TIE * a[0][0] } else { 0.0 };
     for (i, j, sign) in [(0, 0, 1.0), (1, 1, 1.0), (0, 1, -1.0), (1, 0, -1.0)] {
         a[i][j] += sign * tie;
     }
@@ -177,7 +208,7 @@ fn share(places: &[Place], white: [f64; 3]) -> Option<f64> {
         row[i] *= 1.0 + 1e-9;
         row[i] += 1e-30;
     }
-    let found = solve(a, b)[1][0];
+    let found = solve(a, b)[usize::from(is_halo_known)][0];
     found.is_finite().then(|| found.clamp(0.0, 1.0))
 }
 

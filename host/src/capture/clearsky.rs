@@ -4,6 +4,9 @@
 //! sky; clouds lie anywhere. So the haze is that for which a quarter of the patches agrees best: whose shortest interval that
 //! holds a quarter of the logarithms (Rousseeuw & Leroy 1988, the shorth, of another share) is shortest. The unit is that
 //! interval's median. An overcast sky tells nothing, and what was known stays.
+//!
+//! Real clear skies are not the model's either, so that the length of the interval is weighed against how far the haze is from
+//! what the settings say: the most probable turbidity, if lengths are normal and turbidities log-normal.
 
 use super::CaptureSettings;
 use crate::map::luminance;
@@ -17,17 +20,18 @@ const AGREEING: f64 = 0.25;
 const TIGHT: f64 = 0.2;
 /// Turbidities that are tried before any is known: from the first up, each times the factor.
 const FIRST: (f64, f64, i32) = (1.7, 1.2, 10);
-/// Turbidities beside the known one, as a factor; and how much better one must agree to take its place.
+/// Turbidities beside the known one, as a factor; and how much less unlikely one must be to take its place.
 const STEP: f64 = 1.06;
 const BETTER: f64 = 0.98;
+/// Standard deviations of the interval's length and of a turbidity's logarithm from that of the settings.
+const LENGTH_SIGMA: f64 = 0.07;
+const TURBIDITY_SIGMA: f64 = 0.5;
 /// Most steps at once.
 const STEPS: usize = 12;
 /// Part of the way that haze and unit go to newly seen ones of patches that agree entirely.
 const FOLLOW: f64 = 0.3;
-/// The sky is clear around the sun if this share of the patches at these angles, degrees, is clear: within so much of the unit in
-/// every channel.
+/// Around the sun are the patches at these angles from it, degrees; they are clear within so much of the unit in every channel.
 const AROUND_DEG: [f64; 2] = [9.0, 25.0];
-const AROUND_SHARE: f64 = 0.8;
 const AROUND_LOG: f64 = 0.1;
 const LEAST_AROUND: usize = 4;
 
@@ -48,8 +52,8 @@ pub(super) struct Clear {
     /// Whether haze and unit were ever seen; else they are the settings' and the lower quartile's (clouds are brighter than the
     /// clear sky behind them).
     pub is_known: bool,
-    /// Whether the sky shows to be clear around the sun.
-    pub around_sun: bool,
+    /// Share of the sky around the sun that shows to be clear, 0..=1.
+    pub around_sun: f64,
     /// The sun's irradiance on a plane normal to it, in the measured sky's unit.
     pub beam: [f32; 3],
 }
@@ -97,7 +101,7 @@ impl ClearSky {
         let model = measured.model(turbidity);
         let unit = self.known.map_or_else(|| self.lower_quartile(measured, &model), |(_, unit)| unit);
         let beam = clear_beam(measured.sun.altitude_deg as f32, turbidity as f32).map(|v| v * unit as f32);
-        let around_sun = is_tight && is_clear_around(measured, &model, unit);
+        let around_sun = if is_tight { clear_around(measured, &model, unit) } else { 0.0 };
         Clear { model, unit, is_known: self.known.is_some(), around_sun, beam }
     }
 
@@ -111,31 +115,38 @@ impl ClearSky {
 
     /// The best of turbidities all over the range, and of `own`.
     fn first(&mut self, measured: &Measured<'_>, own: f64) -> f64 {
-        let mut best = (self.agreement(measured, &measured.model(own)).0, own);
+        let mut best = (self.unlikely(measured, own), own);
         for step in 0..FIRST.2 {
             let turbidity = FIRST.0 * FIRST.1.powi(step);
-            let width = self.agreement(measured, &measured.model(turbidity)).0;
-            if width < BETTER * best.0 {
-                best = (width, turbidity);
+            let unlikely = self.unlikely(measured, turbidity);
+            if unlikely < BETTER * best.0 {
+                best = (unlikely, turbidity);
             }
         }
         best.1
     }
 
-    /// Goes from a turbidity to its neighbour for as long as that agrees better.
+    /// Goes from a turbidity to its neighbour for as long as that is likelier.
     fn climb(&mut self, measured: &Measured<'_>, from: f64) -> f64 {
-        let mut best = (self.agreement(measured, &measured.model(from)).0, from);
+        let mut best = (self.unlikely(measured, from), from);
         for factor in [STEP, 1.0 / STEP] {
             for _ in 0..STEPS {
                 let turbidity = (best.1 * factor).clamp(1.7, 10.0);
-                let width = self.agreement(measured, &measured.model(turbidity)).0;
-                if width >= BETTER * best.0 {
+                let unlikely = self.unlikely(measured, turbidity);
+                if unlikely >= BETTER * best.0 {
                     break;
                 }
-                best = (width, turbidity);
+                best = (unlikely, turbidity);
             }
         }
         best.1
+    }
+
+    /// Twice the negative logarithm of a turbidity's probability, but for a constant.
+    fn unlikely(&mut self, measured: &Measured<'_>, turbidity: f64) -> f64 {
+        let (width, _) = self.agreement(measured, &measured.model(turbidity));
+        let from_settings = (turbidity / f64::from(measured.settings.turbidity)).ln();
+        (width / LENGTH_SIGMA).powi(2) + (from_settings / TURBIDITY_SIGMA).powi(2)
     }
 
     /// Width of the shortest interval that holds the agreeing patches' logarithms, and the unit in its middle.
@@ -160,7 +171,8 @@ impl ClearSky {
     }
 }
 
-fn is_clear_around(measured: &Measured<'_>, model: &SkyModel, unit: f64) -> bool {
+/// Share of the patches around the sun that are clear.
+fn clear_around(measured: &Measured<'_>, model: &SkyModel, unit: f64) -> f64 {
     let (mut clear, mut all) = (0, 0);
     for patch in 0..measured.set.upper() {
         let dir = measured.set.dir_world(patch);
@@ -170,7 +182,7 @@ fn is_clear_around(measured: &Measured<'_>, model: &SkyModel, unit: f64) -> bool
             clear += usize::from(looks_clear(measured.radiance[patch], model.radiance(dir), unit));
         }
     }
-    all >= LEAST_AROUND && clear as f64 >= AROUND_SHARE * all as f64
+    if all < LEAST_AROUND { 0.0 } else { clear as f64 / all as f64 }
 }
 
 fn looks_clear(found: [f32; 3], modelled: [f32; 3], unit: f64) -> bool {

@@ -19,6 +19,7 @@ use crate::weights::PatchWeights;
 
 /// 2 October 2026, 00:00 in Athens (UTC + 3).
 const MIDNIGHT_UNIX_S: f64 = 1_790_888_400.0;
+const DAY_S: f64 = 86_400.0;
 /// Haze of a fine day.
 pub(super) const TURBIDITY: f32 = 3.0;
 /// Pictures are made while the sun stands higher than this.
@@ -108,10 +109,15 @@ impl<'s> Day<'s> {
         let noon = SkyModel::at(clear, noon_s, Site::place(), 0.0).or_runtime()?.horizontal_irradiance();
         let mut relighter = Relighter::new(field, 0);
         relighter.set_sun_step_deg(SUN_STEP_DEG);
+        let mut eye = Eye::new(Site::place(), atmosphere(), patches, MIDNIGHT_UNIX_S - DAY_S)?;
+        // The sky camera stands there since the day before and knows what its lens scatters.
+        for half_hour in 0..48 {
+            eye.look(MIDNIGHT_UNIX_S - DAY_S + f64::from(half_hour) * 1800.0)?;
+        }
         Ok(Day {
             site,
             stack,
-            eye: Eye::new(Site::place(), atmosphere(), patches, MIDNIGHT_UNIX_S)?,
+            eye,
             patches,
             relighter,
             framebuffer: Framebuffer::new(width, height),

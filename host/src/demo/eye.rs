@@ -4,7 +4,7 @@ use relume_firmware::patches::PatchSet;
 
 use crate::bracket::MergeSettings;
 use crate::camera::Camera;
-use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
+use crate::camera::synthetic::{Glare, SyntheticCamera, SyntheticSettings};
 use crate::capture::{Capture, CaptureSettings};
 use crate::failure::{Failure, OrFail};
 use crate::lightmeter::LightMeter;
@@ -39,6 +39,7 @@ impl Eye {
             place,
             atmosphere,
             start_unix_s: unix_s,
+            glare: Glare::usual(PIXELS),
             ..SyntheticSettings::default()
         };
         let camera = SyntheticCamera::new(settings);

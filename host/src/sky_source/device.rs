@@ -2,7 +2,7 @@
 
 use crate::camera::plausible::Plausible;
 use crate::camera::replay::ReplayCamera;
-use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
+use crate::camera::synthetic::{Glare, SyntheticCamera, SyntheticSettings};
 use crate::camera::{Camera, Exposure};
 use crate::config::{Config, SkyKind};
 use crate::lens::Lens;
@@ -45,6 +45,7 @@ impl Device {
             (settings.width, settings.height) = (width, height);
         }
         settings.lens = lens;
+        settings.glare = Glare::usual(settings.width);
         Ok(Device::Synthetic(Box::new(SyntheticCamera::new(settings))))
     }
 

@@ -39,6 +39,12 @@ pub struct Glare {
 }
 
 impl Glare {
+    /// A clean lens of the usual kind, whose picture of the whole sky is `picture_px` across: of a hundredth of the light that it
+    /// scatters, most stays within a few degrees.
+    pub fn usual(picture_px: usize) -> Self {
+        Glare { veil: 0.003, halo: 0.007, halo_px: picture_px as f64 / 120.0 }
+    }
+
     /// Scatters the light of `light` (one entry per seen pixel).
     pub(super) fn scatter(&self, seen: &[SeenPixel], (width, height): (usize, usize), light: &mut [[f32; 3]]) {
         if self.veil <= 0.0 && self.halo <= 0.0 {
@@ -117,6 +123,8 @@ mod tests {
         // Closed form of the halo along an axis: e^(-d / px).
         let halo = |d: usize| light[centre + d][1] - 2.0 * veil;
         assert!((halo(7) / halo(4) - (-1.0f32).exp()).abs() < 1e-2, "{} {}", halo(7), halo(4));
+        let down = |d: usize| light[centre + d * size][1] - 2.0 * veil;
+        assert!((down(7) / halo(7) - 1.0).abs() < 1e-2 && (down(1) / halo(1) - 1.0).abs() < 1e-2);
         assert!(light[centre][0] > 700.0 && light[centre][2] == 0.0);
     }
 }

