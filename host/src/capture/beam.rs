@@ -190,9 +190,9 @@ fn share(places: &[Place], white: [f64; 3], is_halo_known: bool) -> Option<f64> 
         let scale = mean(place.clear).hypot(mean(place.value));
         let weight = f64::from(bell * place.omega) / (scale * scale).max(1e-24);
         let shape = [1.0, u, v, u * u + v * v].map(f64::from);
-        for k in 0..3 {
+        for (k, white) in white.iter().enumerate() {
             let [clear, halo] = [place.clear[k], place.halo[k]].map(f64::from);
-            let cloud = shape.map(|s| white[k] * s);
+            let cloud = shape.map(|s| white * s);
             let row = [clear, halo, cloud[0], cloud[1], cloud[2], cloud[3]];
             for i in 0..TERMS {
                 a[i] = std::array::from_fn(|j| a[i][j] + weight * row[i] * row[j]);
