@@ -1,6 +1,8 @@
 //! The system's allocator, which counts what each thread asks of it and the bytes that all hold; a test makes it its global one.
 #![allow(unsafe_code)]
 
+pub mod sites;
+
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -18,6 +20,7 @@ fn note(bytes: i64) {
     HELD_BYTES.fetch_add(bytes, Ordering::Relaxed);
     // A thread that is ending has no count any more.
     let _ = COUNT.try_with(|count| count.set(count.get() + 1));
+    sites::note();
 }
 
 /// Allocations of this thread until now.

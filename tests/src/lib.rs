@@ -4,6 +4,7 @@
 pub mod counting;
 pub mod files;
 pub mod light;
+pub mod origins;
 pub mod patcherror;
 pub mod picture;
 pub mod program;
@@ -15,3 +16,4 @@ pub mod slurm;
 pub mod stressbound;
 pub mod stressfield;
 pub mod stresslight;
+pub mod symbols;

@@ -25,6 +25,11 @@ pub fn relume_bake() -> Command {
     command("relume-bake")
 }
 
+/// A command of `relume` that notes where memory is asked for: `relume-counted`.
+pub fn counted() -> Command {
+    command("relume-counted")
+}
+
 fn command(name: &str) -> Command {
     let mut command = Command::new(folder().join(name));
     // A backtrace would hide whether a panic's text is one line, and doubles its time.

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use relume_firmware::bounce::{Rgb, mean_up};
 use relume_firmware::field::Field;
 use relume_firmware::sunlight::SunLight;
+use std::ops::Range;
 
 /// Bounce points that one task lights.
 const POINTS_AT_ONCE: usize = 512;
@@ -151,8 +152,11 @@ pub(super) fn trace(field: &Field<'_>, dir_world: [f32; 3], means: &mut [Rgb], p
     let chunks = means[points..].par_chunks_mut(POINTS_AT_ONCE).enumerate();
     chunks.for_each(|(chunk, out)| light.points(field, chunk * POINTS_AT_ONCE, out));
     mean_up(means);
-    let tiles = slots(field, plane).into_par_iter().enumerate();
-    tiles.for_each(|(index, slot)| light.tile(field, index, means, slot));
+    let means = &*means;
+    let tiles = field.response().tiles();
+    if tiles > 0 {
+        light_tiles(0..tiles, 0, plane, &|index, slot| light.tile(field, index, means, slot), field);
+    }
 }
 
 /// How far two planes are apart, tile by tile.
@@ -168,21 +172,29 @@ fn compare(field: &Field<'_>, old: &[u16], new: &[u16], changes: &mut [Change]) 
     });
 }
 
-/// The plane cut into the tiles' slots, in tile order. Places rise with the tile number in files of `relume-bake`;
-/// a tile whose place does not gets an empty slot and thus no sun.
-fn slots<'p>(field: &Field<'_>, mut plane: &'p mut [u16]) -> Vec<&'p mut [u16]> {
+/// Lights tiles whose slots lie in `plane`, which begins at `begin` of the whole one, halves of them on threads of their own: so
+/// that nothing is allocated to hand the slots out. Places rise with the tile number in files of `relume-bake`; a tile whose place
+/// does not gets no sun.
+fn light_tiles(
+    tiles: Range<usize>,
+    begin: usize,
+    plane: &mut [u16],
+    light: &(impl Fn(usize, &mut [u16]) + Sync),
+    field: &Field<'_>,
+) {
     let response = field.response();
-    let mut begin = 0;
-    (0..response.tiles())
-        .map(|index| {
-            let tile = response.tile(index);
-            let skip = tile.plane_at.checked_sub(begin)?;
-            let (_, rest) = std::mem::take(&mut plane).split_at_mut_checked(skip)?;
-            let (slot, rest) = rest.split_at_mut_checked(3 * tile.padded_pixels())?;
-            plane = rest;
-            begin = tile.plane_at + slot.len();
-            Some(slot)
-        })
-        .map(Option::unwrap_or_default)
-        .collect()
+    let first_at = response.tile(tiles.start).plane_at;
+    if tiles.len() == 1 {
+        let end = first_at + 3 * response.tile(tiles.start).padded_pixels();
+        let place = first_at.checked_sub(begin).zip(end.checked_sub(begin));
+        let slot = place.and_then(|(first, end)| plane.get_mut(first..end));
+        return light(tiles.start, slot.unwrap_or_default());
+    }
+    let middle = tiles.start + tiles.len() / 2;
+    let middle_at = response.tile(middle).plane_at.clamp(begin, begin + plane.len());
+    let (low, high) = plane.split_at_mut(middle_at - begin);
+    rayon::join(
+        || light_tiles(tiles.start..middle, begin, low, light, field),
+        || light_tiles(middle..tiles.end, middle_at, high, light, field),
+    );
 }
