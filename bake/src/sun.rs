@@ -93,6 +93,8 @@ impl Transport<'_> {
 }
 
 #[cfg(test)]
+mod alpha_tests;
+#[cfg(test)]
 mod glossy_tests;
 #[cfg(test)]
 mod tests;

@@ -2,12 +2,14 @@
 //! without the code under test.
 
 pub mod counting;
+pub mod directsun;
 pub mod files;
 pub mod light;
 pub mod origins;
 pub mod patcherror;
 pub mod picture;
 pub mod program;
+pub mod random;
 pub mod receiversite;
 pub mod scene;
 pub mod skip;

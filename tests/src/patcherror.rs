@@ -5,6 +5,7 @@
 //! pixel's paths are halved, and the mean square of an error is the mean product of the two halves' errors, which noise does not
 //! raise. The paths of a half are stratified over the directions in which they look for light first, and those in which they go on.
 
+use crate::random::Random;
 use glam::Vec3A;
 use relume_bake::camera::Camera;
 use relume_bake::geometry::{Cone, Geometry, Surface};
@@ -239,30 +240,5 @@ impl Sums {
             PatchError { rmse: rmse / mean, doubt: doubt / (2.0 * rmse.max(doubt.sqrt())) / mean }
         };
         self.products.iter().map(error).collect()
-    }
-}
-
-/// PCG XSH RR 64/32 (O'Neill 2014), one stream per pixel.
-struct Random {
-    state: u64,
-    stream: u64,
-}
-
-impl Random {
-    fn new(seed: u64, pixel: u32) -> Self {
-        let mut random = Random { state: seed, stream: (u64::from(pixel) << 1) | 1 };
-        random.bits();
-        random.bits();
-        random
-    }
-
-    fn bits(&mut self) -> u32 {
-        let old = self.state;
-        self.state = old.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(self.stream);
-        ((((old >> 18) ^ old) >> 27) as u32).rotate_right((old >> 59) as u32)
-    }
-
-    fn unit(&mut self) -> f32 {
-        (self.bits() >> 8) as f32 / (1u32 << 24) as f32
     }
 }

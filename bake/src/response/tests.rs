@@ -1,5 +1,7 @@
 //! Closed forms: each scene has an answer that was derived without a renderer.
 
+pub(crate) mod alpha;
+
 use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
@@ -86,7 +88,7 @@ fn finer(max_hits: u32) -> TransportOptions {
     TransportOptions { paths: 16, patch_group: 4, ..options(max_hits) }
 }
 
-fn tile(scene: &Scene, camera: &Camera, options: TransportOptions) -> TileResponse {
+pub(crate) fn tile(scene: &Scene, camera: &Camera, options: TransportOptions) -> TileResponse {
     Transport::new(scene, camera, patches(), SIZE, options).unwrap().tile(0, 0)
 }
 
@@ -95,13 +97,13 @@ fn patches() -> PatchSet {
 }
 
 /// Mean over the tile's covered pixels of the red response to `patch`.
-fn mean(tile: &TileResponse, values: &[f32], patch: usize) -> f32 {
+pub(crate) fn mean(tile: &TileResponse, values: &[f32], patch: usize) -> f32 {
     let pixels = tile.covered.len();
     (0..pixels).map(|pixel| values[3 * pixel * tile.patches + patch]).sum::<f32>() / pixels as f32
 }
 
 /// Mean over the tile's covered pixels of the red response to a sky of radiance 1.
-fn under_white_sky(tile: &TileResponse, values: &[f32]) -> f32 {
+pub(crate) fn under_white_sky(tile: &TileResponse, values: &[f32]) -> f32 {
     (0..tile.patches).map(|patch| mean(tile, values, patch)).sum()
 }
 
