@@ -12,6 +12,7 @@
 //! - Where the pixels next to the disc look as a clear sun makes them, the sun is clear, whatever the cloud beside it does.
 
 use super::clearsky::Clear;
+use super::sunspot::MOST_NEAR;
 use crate::linear_system::solve;
 use crate::map::luminance;
 
@@ -119,6 +120,7 @@ impl Beam {
         let up = [axis[1] * side[2], axis[2] * side[0] - axis[0] * side[2], -axis[1] * side[0]];
         let along = |d: [f32; 3], e: [f32; 3]| (0..3).map(|k| d[k] * e[k]).sum::<f32>().to_degrees();
         self.places.clear();
+        self.places.reserve(MOST_NEAR);
         self.places.extend(near.iter().map(|pixel| Place {
             at_deg: [along(pixel.dir, side), along(pixel.dir, up)],
             omega: pixel.omega,
@@ -137,6 +139,7 @@ impl Beam {
                 let (places, ring) = (&self.places, &mut self.ring);
                 let in_ring = places.iter().filter(|place| (place.apart_deg() / RING_DEG).round() as usize == number);
                 ring.clear();
+                ring.reserve(MOST_NEAR);
                 ring.extend(in_ring.map(|place| (place.value[k] - place.clear[k]) / beam[k].max(1e-12)));
                 let halo = &mut self.halo[number][k];
                 if ring.len() >= LEAST_IN_RING {

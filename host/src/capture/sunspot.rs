@@ -15,6 +15,8 @@ const BLOB_SHARE: f32 = 0.3;
 const MAX_BLOB_DEG: f32 = 5.0;
 /// Pixels of the aureole that are looked at, about.
 const AUREOLE_PIXELS: usize = 600;
+/// Most of them.
+pub(super) const MOST_NEAR: usize = 2 * AUREOLE_PIXELS;
 
 /// A pixel near the sun, with the square of its chord from it.
 #[derive(Clone, Copy, Debug)]
@@ -76,8 +78,13 @@ impl SunSpot {
             (centre - reach).max(0.0) as usize..((centre + reach).max(0.0) as usize + 1).min(size)
         };
         let most = chord(AUREOLE_DEG as f32).powi(2);
-        for y in range(at[1], picture.merged.height) {
-            for x in range(at[0], picture.merged.width) {
+        let (columns, rows) = (range(at[0], picture.merged.width), range(at[1], picture.merged.height));
+        // Room for other places of the sun, too, where a lens shows the sky larger.
+        let room = 2 * columns.len() * rows.len();
+        self.places.reserve(room);
+        self.spot.reserve(room);
+        for y in rows {
+            for x in columns.clone() {
                 let pixel = y * picture.merged.width + x;
                 let other = picture.dirs[pixel];
                 let apart = (0..3).map(|k| (other[k] - sun_dir[k]).powi(2)).sum();
@@ -143,6 +150,7 @@ impl SunSpot {
     fn around(&mut self, picture: &SkyPicture<'_>, inner: f32) {
         let outside = |place: &&Place| place.apart > inner;
         let step = (self.places.len() / AUREOLE_PIXELS).max(1);
+        self.near.reserve(MOST_NEAR);
         for place in self.places.iter().filter(outside).step_by(step) {
             let pixel = place.pixel as usize;
             if picture.merged.state[pixel] == PixelState::Valid {
