@@ -310,8 +310,9 @@ def on_a_board(kind, parts, folder, programs, size, **machine):
     for made in (share, out):
         shutil.rmtree(made, ignore_errors=True)
     (share / "bin").mkdir(parents=True)
-    for name in ("relume", "usbcam", "usbcam-probe"):
-        shutil.copy(programs / name, share / "bin")
+    for name in ("relume", "usbcam", "usbcam-probe", "relume-counted"):
+        if (programs / name).exists() or name != "relume-counted":
+            shutil.copy(programs / name, share / "bin")
     shutil.copy(folder / "a.field", share)
     with Machine(share=share, out=out, rtc=MORNING, parameters={"vivid": VIVID}, **machine) as board:
         print(f"       boot: {board.boot(PATIENCE_S):.1f} s")

@@ -1,16 +1,32 @@
 //! Sockets as the kernel lists them in `/sys`. A look there takes microseconds: the kernel's own plug events and polling
 //! keep it true, and no monitor is asked, as any question to the card itself may do.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Where the kernel lists cards and their sockets.
 pub(super) const CLASS: &str = "/sys/class/drm";
 
+/// The most that a file there holds.
+const PAGE: usize = 4096;
+
+/// The text of a small file, without allocating: a frame may ask for it. None where it cannot be read.
+fn read<'p>(file: &Path, page: &'p mut [u8; PAGE]) -> Option<&'p str> {
+    let (mut file, mut end) = (File::open(file).ok()?, 0);
+    loop {
+        match file.read(&mut page[end..]).ok()? {
+            0 => return std::str::from_utf8(&page[..end]).ok(),
+            more => end += more,
+        }
+    }
+}
+
 /// The socket that a screen hangs on.
 #[derive(Clone, Debug)]
 pub(super) struct Socket {
-    folder: PathBuf,
+    status: PathBuf,
+    modes: PathBuf,
     /// False where the kernel lists none.
     is_listed: bool,
 }
@@ -30,7 +46,7 @@ impl Socket {
     pub(super) fn new(class: &Path, card: &Path, connector: &str) -> Self {
         let card = card.file_name().unwrap_or_default().to_string_lossy();
         let folder = class.join(format!("{card}-{connector}"));
-        Socket { is_listed: folder.is_dir(), folder }
+        Socket { is_listed: folder.is_dir(), status: folder.join("status"), modes: folder.join("modes") }
     }
 
     /// Whether something is plugged in that still offers a mode of this name (`1920x1080`).
@@ -38,12 +54,13 @@ impl Socket {
         if !self.is_listed {
             return Look::Well;
         }
-        let Ok(status) = fs::read_to_string(self.folder.join("status")) else { return Look::Gone };
+        let mut page = [0; PAGE];
+        let Some(status) = read(&self.status, &mut page) else { return Look::Gone };
         if status.trim() == "disconnected" {
             return Look::Unplugged;
         }
-        let modes = fs::read_to_string(self.folder.join("modes"));
-        let offers = modes.map_or(true, |modes| modes.lines().any(|line| line.trim() == mode));
+        let modes = read(&self.modes, &mut page);
+        let offers = modes.is_none_or(|modes| modes.lines().any(|line| line.trim() == mode));
         if offers { Look::Well } else { Look::ModeGone }
     }
 }
