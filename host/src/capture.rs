@@ -310,19 +310,8 @@ impl Capture {
 
     /// Mean radiance per upper patch, and what was not seen.
     fn fill_patches(&mut self, into: &mut Captured) {
-        self.sums.clear();
         self.sums.resize(self.set.len(), [0.0; 3]);
-        let mut level = [0.0; 3];
-        for share in &self.shares.shares {
-            let (value, omega) = (self.sky[share.pixel as usize], f64::from(share.omega));
-            let up = f64::from(self.shares.dirs[share.pixel as usize][1]);
-            let sum = &mut self.sums[usize::from(share.patch)];
-            for k in 0..3 {
-                let light = f64::from(value[k]) * omega;
-                sum[k] += light;
-                level[k] += light * up;
-            }
-        }
+        let mut level = self.shares.sum(&self.sky, &mut self.sums);
         let radiance = &mut into.weights.radiance;
         radiance.clear();
         let means = self.sums.iter().zip(&self.shares.seen);

@@ -3,6 +3,7 @@
 mod hardware;
 mod synchronised;
 
+use crate::bell::Bell;
 use crate::config::ClockConfig;
 pub use hardware::HardwareClock;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -81,15 +82,40 @@ impl PostClock {
 
     /// Waits until the next frame is due; returns early when `stop` is set. Frames that were missed are left out.
     pub fn wait(&mut self, stop: &AtomicBool) {
+        self.wait_until(stop, |left| {
+            std::thread::sleep(left);
+            false
+        });
+    }
+
+    /// The same, but by the system's clock it returns early when `bell` rings too; the beat stays as it was. By a clock of its
+    /// own a frame more would be a moment more.
+    pub fn wait_or_ring(&mut self, stop: &AtomicBool, bell: &Bell) {
+        if !matches!(self.config, ClockConfig::System { .. }) {
+            return self.wait(stop);
+        }
+        self.wait_until(stop, |left| {
+            bell.wait(left);
+            bell.take()
+        });
+    }
+
+    /// Waits in `slice`s until the next frame is due, `stop` is set or a slice tells that it is enough.
+    fn wait_until(&mut self, stop: &AtomicBool, mut slice: impl FnMut(Duration) -> bool) {
         let Some(pace_s) = self.pace_s() else { return };
         let pace = Duration::try_from_secs_f64(pace_s).unwrap_or(Duration::MAX);
-        self.due = next_due(self.due, self.started.elapsed(), pace);
+        let due = next_due(self.due, self.started.elapsed(), pace);
         while !stop.load(Ordering::Relaxed) {
-            match self.due.checked_sub(self.started.elapsed()) {
-                Some(left) if !left.is_zero() => std::thread::sleep(left.min(SLICE)),
-                _ => return,
+            match due.checked_sub(self.started.elapsed()) {
+                Some(left) if !left.is_zero() => {
+                    if slice(left.min(SLICE)) {
+                        return;
+                    }
+                }
+                _ => break,
             }
         }
+        self.due = due;
     }
 
     /// From frame to frame; `None` where nothing is waited for.
@@ -144,6 +170,31 @@ mod tests {
         assert!(clock.judge(1_800_000_001.0).trusted);
         let clock = PostClock::start(ClockConfig::System { interval_s: 1.0 }, None);
         assert!(!clock.judge(0.0).trusted, "1970, a board without a battery clock");
+    }
+
+    #[test]
+    fn a_bell_ends_the_wait_and_leaves_the_beat() {
+        let mut clock = PostClock::start(ClockConfig::System { interval_s: 1000.0 }, None);
+        let (bell, stop, begun) = (Bell::for_this_thread(), AtomicBool::new(false), Instant::now());
+        let ringing = bell.clone();
+        let ringer = std::thread::spawn(move || ringing.ring());
+        clock.wait_or_ring(&stop, &bell);
+        ringer.join().unwrap();
+        bell.ring();
+        clock.wait_or_ring(&stop, &bell);
+        assert!(begun.elapsed() < Duration::from_secs(500));
+        assert_eq!(clock.due, Duration::ZERO, "the frame that is due is still to come");
+        assert!(!bell.take(), "one ring, one frame");
+    }
+
+    #[test]
+    fn a_clock_of_its_own_does_not_hear_the_bell() {
+        let config = ClockConfig::Simulated { start_unix_s: 0.0, step_s: 1.0, speed: Some(20.0) };
+        let (mut clock, bell) = (PostClock::start(config, None), Bell::for_this_thread());
+        bell.ring();
+        let begun = Instant::now();
+        clock.wait_or_ring(&AtomicBool::new(false), &bell);
+        assert!(begun.elapsed() >= Duration::from_millis(25), "{:?}", begun.elapsed());
     }
 
     #[test]

@@ -1,4 +1,5 @@
 //! Relume at the post: sky camera -> radiance map -> weights -> pixels -> display.
+pub mod bell;
 pub mod bench;
 pub mod clock;
 pub mod clouds;

@@ -5,31 +5,32 @@
 
 use crate::weights::{PatchWeights, SunWeight};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// One line.
+/// One line. What is logged is borrowed from the post, which asks for no memory for it; what was read is owned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct LoggedLight {
+pub struct LoggedLight<'a> {
     /// Number of the frame that first showed it.
     pub frame: u64,
     /// The post's time, Unix seconds.
     pub unix_s: f64,
     /// Factors from radiance to display white that it was relit with, in order; the last is the one shown.
-    pub exposures: Vec<f32>,
+    pub exposures: Cow<'a, [f32]>,
     /// RGB radiance per patch.
-    pub radiance: Vec<[f32; 3]>,
+    pub radiance: Cow<'a, [[f32; 3]]>,
     /// Direction towards the sun and its RGB irradiance.
     pub sun: Option<([f32; 3], [f32; 3])>,
 }
 
-impl LoggedLight {
+impl LoggedLight<'_> {
     /// The weights.
     pub fn weights(self) -> PatchWeights {
         let sun = self.sun.map(|(dir_world, irradiance)| SunWeight { dir_world, irradiance });
-        PatchWeights { radiance: self.radiance, sun }
+        PatchWeights { radiance: self.radiance.into_owned(), sun }
     }
 }
 
@@ -63,7 +64,7 @@ impl LightLog {
     ///
     /// # Errors
     /// When it cannot be written, as on a full disk.
-    pub fn add(&mut self, light: &LoggedLight) -> Result<(), LightLogError> {
+    pub fn add(&mut self, light: &LoggedLight<'_>) -> Result<(), LightLogError> {
         let written = serde_json::to_writer(&mut self.file, light)
             .map_err(std::io::Error::from)
             .and_then(|()| self.file.write_all(b"\n"))
@@ -93,7 +94,7 @@ impl LightLogReader {
 }
 
 impl Iterator for LightLogReader {
-    type Item = Result<LoggedLight, LightLogError>;
+    type Item = Result<LoggedLight<'static>, LightLogError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         let line = self.lines.next()?;
@@ -121,14 +122,14 @@ mod tests {
         let light = LoggedLight {
             frame: 7,
             unix_s: 1_782_040_200.123,
-            exposures: vec![0.1, 1.0 / 3.0],
-            radiance,
+            exposures: vec![0.1, 1.0 / 3.0].into(),
+            radiance: radiance.into(),
             sun: Some(([0.6, 0.8, 0.0], [1e5, 9.7e4, 1.0 / 7.0])),
         };
         let mut log = LightLog::create(&path).unwrap();
         log.add(&light).unwrap();
         log.add(&light).unwrap();
-        let read: Vec<LoggedLight> = LightLogReader::open(&path).unwrap().map(Result::unwrap).collect();
+        let read: Vec<LoggedLight<'_>> = LightLogReader::open(&path).unwrap().map(Result::unwrap).collect();
         assert_eq!(read, [light.clone(), light]);
     }
 

@@ -1,7 +1,8 @@
 //! The newest of what a thread of its own makes: however long a camera takes or hangs, the picture goes on.
 
+use crate::bell::Bell;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, TryLockError};
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -41,6 +42,7 @@ pub enum Told<E> {
 pub struct Newest<T, E> {
     news: Arc<Mutex<News<T, E>>>,
     stop: Arc<AtomicBool>,
+    bell: Arc<OnceLock<Bell>>,
     /// When it was told to.
     stopped: Option<Instant>,
     thread: Option<JoinHandle<()>>,
@@ -61,10 +63,11 @@ impl<T: Default + Send + 'static, E: Send + 'static> Newest<T, E> {
     ) -> std::io::Result<Self> {
         let news = Arc::new(Mutex::new(News { made: T::default(), is_new: false, fault: None }));
         let stop = Arc::new(AtomicBool::new(false));
-        let (its_news, its_stop) = (Arc::clone(&news), Arc::clone(&stop));
-        let work = move || go_on(make, is_end, &its_news, (&its_stop, pace));
+        let bell = Arc::new(OnceLock::new());
+        let (its_news, its_stop, its_bell) = (Arc::clone(&news), Arc::clone(&stop), Arc::clone(&bell));
+        let work = move || go_on(make, is_end, (&its_news, &its_bell), (&its_stop, pace));
         let thread = Some(Builder::new().name(name.into()).spawn(work)?);
-        Ok(Newest { news, stop, stopped: None, thread, heard: Instant::now() })
+        Ok(Newest { news, stop, bell, stopped: None, thread, heard: Instant::now() })
     }
 }
 
@@ -79,6 +82,11 @@ impl<T, E> Newest<T, E> {
         {
             std::thread::sleep(SLICE);
         }
+    }
+
+    /// Has `bell` ring whenever there is something new to take, from now on; the first bell stays.
+    pub fn ring(&self, bell: &Bell) {
+        self.bell.get_or_init(|| bell.clone());
     }
 
     /// Has the thread end as soon as it can, without waiting for that.
@@ -126,7 +134,7 @@ fn rest(span: Duration, stop: &AtomicBool) {
 fn go_on<T: Default, E>(
     mut make: impl FnMut(u64, &mut T) -> Result<bool, E>,
     is_end: fn(&E) -> bool,
-    news: &Mutex<News<T, E>>,
+    (news, bell): (&Mutex<News<T, E>>, &OnceLock<Bell>),
     (stop, pace): (&AtomicBool, Duration),
 ) {
     let mut made = T::default();
@@ -146,6 +154,8 @@ fn go_on<T: Default, E>(
                 std::mem::swap(&mut told.made, &mut made);
                 (told.is_new, told.fault) = (true, None);
                 drop(told);
+                // Whoever is woken must find the lock free.
+                bell.get().iter().for_each(|bell| bell.ring());
                 rest(pace.saturating_sub(begun.elapsed()), stop);
             }
             Err(fault) => {
@@ -222,6 +232,21 @@ mod tests {
             assert!(got > last, "{got} after {last}");
             last = got;
         }
+    }
+
+    #[test]
+    fn the_bell_rings_when_there_is_something_to_take() {
+        let (sender, mut newest) = started();
+        let bell = Bell::for_this_thread();
+        newest.ring(&bell);
+        sender.send(Ok(3)).unwrap();
+        let begun = Instant::now();
+        while !bell.take() {
+            bell.wait(Duration::from_secs(60));
+            assert!(begun.elapsed() < Duration::from_secs(60));
+        }
+        let mut got = 0;
+        assert!(matches!(newest.take(&mut got), Told::New));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The loop of a post: sky -> weights -> picture -> display, and nothing of it may stop the picture but the display.
 
+use crate::bell::Bell;
 use crate::clock::{Moment, PostClock};
 use crate::config::{Config, Limits};
 use crate::damage::Damage;
@@ -194,6 +195,8 @@ impl<'p> Post<'p> {
         let pictures = PICTURES.map(|name| self.picture_file(name));
         [&self.health_file].into_iter().chain(&pictures).for_each(|file| clear_leftovers(file));
         let first = self.parts.clock.now(0).unix_s;
+        let bell = Bell::for_this_thread();
+        self.parts.sky.ring(&bell);
         let (ended, moment) = loop {
             let moment = self.parts.clock.now(self.frames);
             if let Some(why) = self.is_over(moment.unix_s - first, &told.stop) {
@@ -210,7 +213,7 @@ impl<'p> Post<'p> {
             if told.picture.swap(false, Ordering::Relaxed) {
                 self.take_picture();
             }
-            self.parts.clock.wait(&told.stop);
+            self.parts.clock.wait_or_ring(&told.stop, &bell);
         };
         self.watchdog.iter_mut().for_each(Watchdog::stopping);
         self.parts.sky.stop();

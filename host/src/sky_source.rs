@@ -10,6 +10,7 @@ pub mod live;
 pub mod logged;
 pub mod simulated;
 
+use crate::bell::Bell;
 use crate::clock::Moment;
 use crate::planner::PlanReport;
 use crate::weights::PatchWeights;
@@ -102,6 +103,10 @@ pub trait SkySource {
     /// # Errors
     /// [`SkyFault`]; the post holds what it had, and `into` may be anything.
     fn read(&mut self, moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault>;
+
+    /// Has `bell` ring whenever there is something newer, so that it need not wait for the next frame's turn. A source that
+    /// is only looked at when it is asked has nothing to ring for.
+    fn ring(&mut self, _bell: &Bell) {}
 
     /// The post ends: a thread of its own may, too.
     fn stop(&mut self) {}

@@ -90,6 +90,30 @@ impl Shares {
         builder.finish(dirs)
     }
 
+    /// Sums a picture's radiance x solid angle over each patch, W/m^2 per channel of the picture's unit, and over all of them
+    /// times the height of each pixel's direction: horizontal irradiance.
+    pub fn sum(&self, sky: &[[f32; 3]], sums: &mut [[f64; 3]]) -> [f64; 3] {
+        sums.fill([0.0; 3]);
+        let mut level = [0.0; 3];
+        for of_patch in self.shares.chunk_by(|a, b| a.patch == b.patch) {
+            // Sums of one patch stay in registers.
+            let mut sum = [0.0; 3];
+            for share in of_patch {
+                let (value, omega) = (sky[share.pixel as usize], f64::from(share.omega));
+                let up = f64::from(self.dirs[share.pixel as usize][1]);
+                for k in 0..3 {
+                    let light = f64::from(value[k]) * omega;
+                    sum[k] += light;
+                    level[k] += light * up;
+                }
+            }
+            if let Some(first) = of_patch.first() {
+                sums[usize::from(first.patch)] = sum;
+            }
+        }
+        level
+    }
+
     /// Pixels that count.
     pub fn count(&self) -> usize {
         self.omegas.iter().filter(|&&omega| omega > 0.0).count()

@@ -116,8 +116,8 @@ impl Post<'_> {
         let light = LoggedLight {
             frame: self.frames,
             unix_s: moment.unix_s,
-            exposures: exposures.to_vec(),
-            radiance: weights.radiance.clone(),
+            exposures: exposures.into(),
+            radiance: (&weights.radiance).into(),
             sun: sun.map(|(sun, dir_world)| (dir_world, sun.irradiance)),
         };
         if let Err(error) = log.add(&light) {

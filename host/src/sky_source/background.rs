@@ -1,6 +1,7 @@
 //! A sky that is looked at on a thread of its own.
 
 use super::{SkyFault, SkyReading, SkySource};
+use crate::bell::Bell;
 use crate::clock::{Moment, PostClock};
 use crate::newest::{Newest, SILENCE, Told};
 use std::sync::atomic::AtomicBool;
@@ -36,6 +37,10 @@ impl SkySource for Background {
                 Err(SkyFault::Failed(format!("{what}: nothing came for {} s", SILENCE.as_secs())))
             }
         }
+    }
+
+    fn ring(&mut self, bell: &Bell) {
+        self.0.ring(bell);
     }
 
     fn stop(&mut self) {

@@ -43,6 +43,8 @@ pub struct CapturedSky {
     calm: Calm,
     slopes: Usual,
     astray: Usual,
+    /// Where the sun stood in the last series, if that is still to be judged by it.
+    unjudged: Option<SunPosition>,
     number: u64,
     watched: Frame,
     expected: usize,
@@ -120,6 +122,7 @@ impl CapturedSky {
             calm: Calm::new(may_rest),
             slopes: Usual::default(),
             astray: Usual::default(),
+            unjudged: None,
             number: 0,
             watched: Frame::default(),
             expected: 0,
@@ -190,6 +193,7 @@ impl CapturedSky {
 
     /// One reading; see [`SkySource::read`].
     fn look(&mut self, moment: Moment, into: &mut SkyReading) -> Result<bool, SkyFault> {
+        self.judge_last();
         if self.is_still(moment.unix_s)? {
             return Ok(false);
         }
@@ -225,13 +229,20 @@ impl CapturedSky {
         Ok(true)
     }
 
-    /// Takes in how the series agrees with itself, and now and then its sun with the ephemeris.
+    /// Takes in how the series agrees with itself; now and then its sun is to be held against the ephemeris.
     fn judge(&mut self, sun: Option<SunPosition>) {
         self.slopes.add(self.merger.report().slope);
         if self.number.is_multiple_of(ASTRAY_EVERY) {
-            self.astray.add(sun.and_then(|sun| self.capture.sun_astray_deg(&self.merged, sun)));
+            self.unjudged = sun;
         }
         self.number += 1;
+    }
+
+    /// What was put off of the last series, whose light was waited for.
+    fn judge_last(&mut self) {
+        if let Some(sun) = self.unjudged.take() {
+            self.astray.add(self.capture.sun_astray_deg(&self.merged, sun));
+        }
     }
 
     /// A real camera's light is shown as it comes, once there was any: better exposures follow with the next series.

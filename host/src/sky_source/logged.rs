@@ -30,7 +30,8 @@ impl SkySource for LoggedSky {
             return Err(SkyFault::Failed(what));
         }
         let sun = if light.sun.is_some() { SunSource::Measured } else { SunSource::None };
-        into.exposures.clone_from(&light.exposures);
+        into.exposures.clear();
+        into.exposures.extend_from_slice(&light.exposures);
         (into.weights, into.sun, into.times) = (light.weights(), sun, None);
         Ok(true)
     }

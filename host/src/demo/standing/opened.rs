@@ -50,7 +50,7 @@ pub(super) fn shown(
     let config = Config::load(&post).or_runtime()?;
     cli::run::open(&config, false, &Signals::default())?;
     let log: Result<Vec<_>, _> = LightLogReader::open(&folder.join(LIGHT_LOG)).or_runtime()?.collect();
-    let frame = |(number, light): (usize, crate::lightlog::LoggedLight)| {
+    let frame = |(number, light): (usize, crate::lightlog::LoggedLight<'_>)| {
         let still = Still::load(&folder.join(SHOWN).join(format!("frame_{number:06}.png")), None).or_runtime()?;
         let sum = |channel: usize| light.radiance.iter().map(|rgb| f64::from(rgb[channel])).sum();
         let exposure = light.exposures.last().copied().map_or(f64::NAN, f64::from);
