@@ -3,7 +3,7 @@
 goes wrong; with --pictures nothing does.
 
 FOLDER holds a.field of SIZE pixels (such as 640x480), and gets `out/`: what the post wrote, and for each picture taken from outside NAME.ppm with the
-light that was logged until then, NAME.jsonl. PROGRAMS holds relume (feature board), usbcam and usbcam-probe for arm64. Prints a line per
+light that was logged until then, NAME.jsonl. PROGRAMS holds relume (feature board), relume-counted, usbcam and usbcam-probe for arm64. Prints a line per
 finding; exit status 1 when something does not hold, 2 when there is no board.
 """
 
@@ -13,6 +13,7 @@ import sys
 import time
 from pathlib import Path
 
+import counted
 import faults
 from fault import BoardError
 from findings import Findings
@@ -299,7 +300,8 @@ class PostCheck(Findings):
         """Everything, in order: up to `ends` each part finds a running post and leaves one, from there on none."""
         return [
             self.pictures, self.camera_faults, lambda: faults.camera_and_display_gone(self), self.display_faults,
-            lambda: faults.monitor_moved(self), lambda: faults.mode_gone(self), self.clock_faults, self.no_leak, self.ends, self.by_gbm,
+            lambda: faults.monitor_moved(self), lambda: faults.mode_gone(self), self.clock_faults, self.no_leak, self.ends,
+            lambda: counted.allocations(self), self.by_gbm,
             lambda: faults.driver_faults(self), self.disk_full, self.by_chance,
         ]
 
@@ -310,9 +312,8 @@ def on_a_board(kind, parts, folder, programs, size, **machine):
     for made in (share, out):
         shutil.rmtree(made, ignore_errors=True)
     (share / "bin").mkdir(parents=True)
-    for name in ("relume", "usbcam", "usbcam-probe", "relume-counted"):
-        if (programs / name).exists() or name != "relume-counted":
-            shutil.copy(programs / name, share / "bin")
+    for name in ("relume", "relume-counted", "usbcam", "usbcam-probe"):
+        shutil.copy(programs / name, share / "bin")
     shutil.copy(folder / "a.field", share)
     with Machine(share=share, out=out, rtc=MORNING, parameters={"vivid": VIVID}, **machine) as board:
         print(f"       boot: {board.boot(PATIENCE_S):.1f} s")
