@@ -57,8 +57,10 @@ CARD = "/sys/bus/pci/drivers/virtio-pci"
 SOCKET = "$(echo /sys/class/drm/card*-Virtual-1/status)"
 # Memory that a post may have gained over all faults: the allocator's own pools are not given back at once.
 LEAK_KB = 6000
-# Longest wait for what should come within 5 s on a quiet machine: this one may be busy, and is emulated.
+# Longest wait for what should come within 5 s on a quiet machine: this one may be busy, and is emulated. A sun is waited for as
+# long for each so many pixels, for which it is traced.
 PATIENCE_S = 90
+PIXELS = 640 * 480
 
 
 class PostCheck(Findings):
@@ -113,6 +115,11 @@ class PostCheck(Findings):
         """How far east the sun stands whose light was logged last; 1 without a sun."""
         sun = json.loads((self.board.out / "light.jsonl").read_text().splitlines()[-1])["sun"]
         return sun[0][0] if sun else 1
+
+    def sun_patience_s(self):
+        """Longest wait for the shadows of another sun."""
+        width, height = map(int, self.size.split("x"))
+        return PATIENCE_S * max(1, width * height / PIXELS)
 
     def until(self, *words):
         """Waits until the state has one of `words`, and two more frames; seconds that took."""
@@ -176,7 +183,7 @@ class PostCheck(Findings):
         self.take("morning")
         self.order(f"date -u -s '{EVENING.replace('T', ' ')}'; usbcam ctl time {EVENING}Z")
         self.board.until(lambda: self.health()["exposure_ev"] > morning["exposure_ev"] + 0.5, PATIENCE_S, "a longer exposure")
-        self.board.until(lambda: self.shown_sun_x() < 0, PATIENCE_S, "shadows that fall eastwards")
+        self.board.until(lambda: self.shown_sun_x() < 0, self.sun_patience_s(), "shadows that fall eastwards")
         self.until("ok")
         self.take("evening")
         self.screenshot()
