@@ -6,6 +6,7 @@ pub mod cuts;
 pub mod failure;
 pub mod least_squares;
 pub mod map;
+pub mod moments;
 pub mod outfile;
 pub mod split;
 pub mod weights;

@@ -7,9 +7,12 @@
 //! It counts as the sun only if, gathered into a disc of 0.533 degrees, it would be at least [`MIN_DISC_CONTRAST`] times as
 //! bright as the ring (a cloud or a hole between clouds that fills the cap and is twice as bright as its surround stays
 //! below), and if it is at least [`MIN_IRRADIANCE_SHARE`] of the light of the sky (glints, lamps and overcast skies stay below).
+//!
+//! The sky's mean over each patch then gives to its neighbours what stands at one side of it (moments.rs).
 
 use super::cells::cell_means;
 use super::map::{MapError, RadianceMap, luminance};
+use super::moments::Moments;
 use super::weights::{PatchWeights, SunWeight, sun_solid_angle_sr};
 use crate::patches::PatchSet;
 use std::f64::consts::{PI, TAU};
@@ -195,43 +198,55 @@ fn rings(set: &PatchSet) -> Vec<Ring> {
     rings
 }
 
-/// Running sums of one map row: the integral of radiance over columns, from column 0 to any fractional column.
-struct RowSums(Vec<[f64; 3]>);
+/// What is summed up of a map: red, green, blue and 1.
+const SUMMED: usize = 4;
+
+/// Running sums of one map row over columns, from column 0 to any fractional column: of each of what is summed up its integral,
+/// and those times cosine and sine of the azimuth in the map.
+struct RowSums(Vec<[[f64; 3]; SUMMED]>);
 
 impl RowSums {
     fn new(row: &[[f32; 3]]) -> Self {
-        let mut sums = vec![[0.0; 3]; row.len() + 1];
-        for (col, pixel) in row.iter().enumerate() {
-            sums[col + 1] = std::array::from_fn(|k| sums[col][k] + f64::from(pixel[k]));
+        let mut sums = vec![[[0.0; 3]; SUMMED]; row.len() + 1];
+        for (col, &[r, g, b]) in row.iter().enumerate() {
+            let (sin, cos) = (((col as f64 + 0.5) / row.len() as f64 - 0.5) * TAU).sin_cos();
+            for (k, value) in [r, g, b, 1.0].map(f64::from).into_iter().enumerate() {
+                let [sum, by_cos, by_sin] = sums[col][k];
+                sums[col + 1][k] = [sum + value, by_cos + value * cos, by_sin + value * sin];
+            }
         }
         RowSums(sums)
     }
 
-    fn until(&self, column: f64) -> [f64; 3] {
+    fn until(&self, column: f64) -> [[f64; 3]; SUMMED] {
         let width = self.0.len() - 1;
         let turns = (column / width as f64).floor();
         let within = (column - turns * width as f64).clamp(0.0, width as f64);
         let col = (within as usize).min(width - 1);
         let part = within - col as f64;
-        let (a, b, whole) = (self.0[col], self.0[col + 1], self.0[width]);
-        std::array::from_fn(|k| turns * whole[k] + a[k] + (b[k] - a[k]) * part)
+        let (a, b, whole) = (&self.0[col], &self.0[col + 1], &self.0[width]);
+        let at = |k: usize, m: usize| turns * whole[k][m] + a[k][m] + (b[k][m] - a[k][m]) * part;
+        std::array::from_fn(|k| std::array::from_fn(|m| at(k, m)))
     }
 }
 
-/// Mean radiance per patch (`set.len()` RGB values) of a map turned by `env_rot_deg` about +Y: world = RotY(deg) * map.
-///
-/// Pixels that straddle a border of patches are shared by exact area, so the sum of radiance x solid angle over the
-/// patches is the map's integral. Of a list, each gets the mean over the directions that are nearest to it (cells.rs).
-pub fn integrate(map: &RadianceMap, set: &PatchSet, env_rot_deg: f64) -> Vec<[f32; 3]> {
-    if let Some(list) = set.listed() {
-        return cell_means(map, list, env_rot_deg);
-    }
+/// A map over one patch: of red, green, blue and 1 the integral over its solid angle, and those times the direction in the map.
+#[derive(Clone, Copy, Default)]
+struct PatchSums {
+    integral: [f64; SUMMED],
+    by_dir: [[f64; 3]; SUMMED],
+}
+
+/// Sums of every patch of a set of rings. Pixels that straddle a border of patches are shared by exact area; each share counts at
+/// its pixel's centre.
+fn patch_sums(map: &RadianceMap, set: &PatchSet, env_rot_deg: f64) -> Vec<PatchSums> {
     let rings = rings(set);
-    let mut sums = vec![[0.0f64; 3]; set.len()];
+    let mut sums = vec![PatchSums::default(); set.len()];
     let step = PI / map.height as f64;
     let column = |azimuth_world: f64| ((azimuth_world + env_rot_deg.to_radians()) / TAU + 0.5) * map.width as f64;
     for (row, pixels) in map.pixels.chunks_exact(map.width).enumerate() {
         let (top, bottom) = ((row as f64 * step).cos(), ((row + 1) as f64 * step).cos());
+        let (level, up) = ((row as f64 + 0.5) * step).sin_cos();
         let row_sums = RowSums::new(pixels);
         for ring in &rings {
             let height = top.min(ring.y_high) - bottom.max(ring.y_low);
@@ -240,22 +255,62 @@ pub fn integrate(map: &RadianceMap, set: &PatchSet, env_rot_deg: f64) -> Vec<[f3
             }
             for &(patch, from, to) in &ring.cells {
                 let (a, b) = (row_sums.until(column(from)), row_sums.until(column(to)));
-                for k in 0..3 {
-                    sums[patch][k] += (b[k] - a[k]) * height * TAU / map.width as f64;
+                let of = |k: usize, m: usize| (b[k][m] - a[k][m]) * height * TAU / map.width as f64;
+                let PatchSums { integral, by_dir } = &mut sums[patch];
+                for k in 0..SUMMED {
+                    integral[k] += of(k, 0);
+                    let dir = [level * of(k, 1), up * of(k, 0), level * of(k, 2)];
+                    by_dir[k] = std::array::from_fn(|m| by_dir[k][m] + dir[m]);
                 }
             }
         }
     }
-    let mean =
-        |(patch, sum): (usize, &[f64; 3])| sum.map(|v| (v / f64::from(set.solid_angle_sr(patch))).max(0.0) as f32);
+    sums
+}
+
+fn means(sums: &[PatchSums], set: &PatchSet) -> Vec<[f32; 3]> {
+    let mean = |(patch, sum): (usize, &PatchSums)| -> [f32; 3] {
+        std::array::from_fn(|k| (sum.integral[k] / f64::from(set.solid_angle_sr(patch))).max(0.0) as f32)
+    };
     sums.iter().enumerate().map(mean).collect()
+}
+
+/// Mean radiance per patch (`set.len()` RGB values) of a map turned by `env_rot_deg` about +Y: world = RotY(deg) * map.
+///
+/// Pixels that straddle a border of patches are shared by exact area, so the sum of radiance x solid angle over the
+/// patches is the map's integral. Of a list, each gets the mean over the directions that are nearest to it (cells.rs).
+pub fn integrate(map: &RadianceMap, set: &PatchSet, env_rot_deg: f64) -> Vec<[f32; 3]> {
+    match set.listed() {
+        Some(list) => cell_means(map, list, env_rot_deg),
+        None => means(&patch_sums(map, set, env_rot_deg), set),
+    }
+}
+
+/// The same, with what stands at one side of a patch moved in part to its neighbours, where the set has such ([`Moments`]).
+fn settled(map: &RadianceMap, set: &PatchSet, env_rot_deg: f64) -> Vec<[f32; 3]> {
+    let Some(moments) = Moments::new(set) else { return integrate(map, set, env_rot_deg) };
+    let sums = patch_sums(map, set, env_rot_deg);
+    // About the middle of an even map, summed up in the same way, so that such a map has no moments at all.
+    let aside = |PatchSums { integral, by_dir }: &PatchSums| -> [[f64; 3]; 3] {
+        let middle = by_dir[3].map(|v| v / integral[3].max(f64::MIN_POSITIVE));
+        let moment = |k: usize| std::array::from_fn(|m| by_dir[k][m] - integral[k] * middle[m]);
+        std::array::from_fn(|k| turned(moment(k), env_rot_deg))
+    };
+    let aside: Vec<_> = sums.iter().map(aside).collect();
+    let mut radiance = means(&sums, set);
+    moments.settle(&mut radiance, &aside);
+    radiance
+}
+
+/// RotY(`env_rot_deg`) applied to a vector of the map's frame.
+fn turned([x, y, z]: [f64; 3], env_rot_deg: f64) -> [f64; 3] {
+    let (sin, cos) = env_rot_deg.to_radians().sin_cos();
+    [x * cos + z * sin, y, z * cos - x * sin]
 }
 
 /// A direction of the map's frame in the world: RotY(`env_rot_deg`) applied to it.
 pub fn rotate_to_world(dir_map: [f32; 3], env_rot_deg: f64) -> [f32; 3] {
-    let (sin, cos) = env_rot_deg.to_radians().sin_cos();
-    let [x, y, z] = dir_map.map(f64::from);
-    [(x * cos + z * sin) as f32, y as f32, (z * cos - x * sin) as f32]
+    turned(dir_map.map(f64::from), env_rot_deg).map(|c| c as f32)
 }
 
 /// Patch weights and sun of a captured map.
@@ -265,8 +320,8 @@ pub fn rotate_to_world(dir_map: [f32; 3], env_rot_deg: f64) -> [f32; 3] {
 pub fn weights(map: &RadianceMap, set: &PatchSet, env_rot_deg: f64) -> Result<PatchWeights, MapError> {
     map.check("sky map")?;
     let Split { sky, sun } = split(map);
-    let turned = |sun: SunWeight| SunWeight { dir_world: rotate_to_world(sun.dir_world, env_rot_deg), ..sun };
-    Ok(PatchWeights { radiance: integrate(&sky, set, env_rot_deg), sun: sun.map(turned) })
+    let in_world = |sun: SunWeight| SunWeight { dir_world: rotate_to_world(sun.dir_world, env_rot_deg), ..sun };
+    Ok(PatchWeights { radiance: settled(&sky, set, env_rot_deg), sun: sun.map(in_world) })
 }
 
 #[cfg(test)]
@@ -365,6 +420,35 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// A bright cloud of 2 degrees before an even sky: the direction that its light comes from, as surfaces see it. Means alone put it
+    /// into the middle of its patch, 3 degrees off on the average.
+    #[test]
+    fn settled_patches_light_from_where_the_light_stands() {
+        let set = PatchSet::new(256).unwrap();
+        let even = RadianceMap::from_fn(360, |_| [1.0; 3]);
+        let from = |radiance: &[[f32; 3]], before: &[[f32; 3]]| -> [f32; 3] {
+            let more = |patch: usize| f64::from((radiance[patch][1] - before[patch][1]) * set.solid_angle_sr(patch));
+            let sum = |m: usize| (0..set.upper()).map(|p| more(p) * f64::from(set.dir_world(p)[m])).sum::<f64>();
+            let sum = [0, 1, 2].map(sum);
+            let length = sum.iter().map(|c| c * c).sum::<f64>().sqrt();
+            sum.map(|c| (c / length) as f32)
+        };
+        let before = weights(&even, &set, 0.0).unwrap().radiance;
+        let (mut by_means, mut by_settled) = (Vec::new(), Vec::new());
+        for k in 0..24 {
+            let (cloud, turn) = (dir_world(47.0 * k as f64, 15.0 + 2.5 * k as f64), 15.0 * f64::from(k));
+            let near =
+                |d: [f32; 3]| if angle_between(d.map(f64::from), cloud.map(f64::from)) < 0.035 { 20.0 } else { 1.0 };
+            let map = RadianceMap::from_fn(360, |d| [1.0, near(d), 0.5]);
+            let truth = rotate_to_world(cloud, turn).map(f64::from);
+            let off = |radiance: &[[f32; 3]]| angle_between(from(radiance, &before).map(f64::from), truth).to_degrees();
+            by_means.push(off(&integrate(&map, &set, turn)));
+            by_settled.push(off(&weights(&map, &set, turn).unwrap().radiance));
+        }
+        let [means, settled] = [&by_means, &by_settled].map(|off| off.iter().sum::<f64>() / off.len() as f64);
+        assert!(means > 2.0 && settled < 0.3, "{means} and {settled} degrees off: {by_settled:.2?}");
     }
 
     #[test]
