@@ -1,6 +1,6 @@
-//! What a set of patches costs by itself: a path trace under the whole sky against one under the means of its patches.
+//! What a set of patches costs by itself: a path trace under the whole sky against one under the weights of its patches.
 //!
-//! Both are the same paths, for all sets at once: the light that a path finds is that of the sky less that of the patch's mean,
+//! Both are the same paths, for all sets at once: the light that a path finds is that of the sky less that of its patch,
 //! so that the noise is of the difference and not of the pictures. Lambert surfaces; pixels that the scene covers wholly. Each
 //! pixel's paths are halved, and the mean square of an error is the mean product of the two halves' errors, which noise does not
 //! raise. The paths of a half are stratified over the directions in which they look for light first, and those in which they go on.
@@ -44,7 +44,7 @@ impl<'s> Cut<'s> {
             sum
         });
         let running = running.collect();
-        Cut { map, running, sets: sets.iter().map(|set| (set, split::integrate(map, set, 0.0))).collect() }
+        Cut { map, running, sets: sets.iter().map(|set| (set, split::settled(map, set, 0.0))).collect() }
     }
 
     /// The sky's radiance in a direction, then the same less each set's.
@@ -52,8 +52,8 @@ impl<'s> Cut<'s> {
         let (col, row) = self.map.pixel_of(dir.to_array());
         let sky = Vec3A::from(self.map.pixels[row * self.map.width + col]);
         into[0] = sky;
-        for ((set, means), into) in self.sets.iter().zip(&mut into[1..]) {
-            *into = sky - Vec3A::from(means[set.patch_of(dir.to_array())]);
+        for ((set, weights), into) in self.sets.iter().zip(&mut into[1..]) {
+            *into = sky - Vec3A::from(weights[set.patch_of(dir.to_array())]);
         }
     }
 

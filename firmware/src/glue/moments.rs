@@ -8,12 +8,12 @@
 //! negative, and a light that moves from one patch into the next, within a triangle that both are corners of, does not jump.
 //! Where there is no triangle, as at the horizon, the neighbour nearest to that direction takes what it can.
 //!
-//! Only sets whose patches are all alike: between large and small ones even a slope would pile up.
+//! Patches of a list have no borders and keep what they have.
 
 use crate::patches::PatchSet;
 use std::f64::consts::TAU;
 
-/// How far neighbours are, at most, in square roots of a patch's solid angle.
+/// How far neighbours are, at most, in square roots of the larger one's solid angle.
 const REACH: f64 = 2.0;
 /// Directions of a patch, a side, that its middle is the mean of.
 const SIDE: usize = 16;
@@ -40,24 +40,24 @@ struct Around {
 #[derive(Clone, Debug)]
 pub struct Moments {
     around: Vec<Around>,
-    omega_sr: f64,
+    omegas_sr: Vec<f64>,
 }
 
 /// What one channel of a patch gives: so much of its light (radiance x solid angle) to each of two patches.
 type Given = [(usize, f64); 2];
 
 impl Moments {
-    /// For a set; none where its patches are not alike.
+    /// For a set; none for a list.
     pub fn new(set: &PatchSet) -> Option<Self> {
-        if set.listed().is_some() || set.subdivided().is_some() {
+        if set.listed().is_some() {
             return None;
         }
-        // Of a whole sphere all patches are alike; else the ground's are others.
+        // All of a sphere's patches are neighbours of each other; those of the ground are none of the sky's.
         let count = if set.horizon().is_some() { set.upper() } else { set.len() };
         let middles: Vec<Vec3> = (0..count).map(|patch| middle(set, patch)).collect();
-        let omega_sr = f64::from(set.solid_angle_sr(0));
-        let around = (0..count).map(|patch| around(&middles, patch, REACH * omega_sr.sqrt())).collect();
-        Some(Moments { around, omega_sr })
+        let omegas_sr: Vec<f64> = (0..count).map(|patch| f64::from(set.solid_angle_sr(patch))).collect();
+        let around = (0..count).map(|patch| around(&middles, &omegas_sr, patch)).collect();
+        Some(Moments { around, omegas_sr })
     }
 
     /// Moves light of `radiance` (mean RGB per patch) to where it stands: `aside[patch][channel]` is the integral of a channel's
@@ -66,10 +66,10 @@ impl Moments {
         for (patch, (around, aside)) in self.around.iter().zip(aside).enumerate() {
             for (channel, &moment) in aside.iter().enumerate() {
                 for (to, light) in around.given(moment) {
-                    // Rounding apart, half of a patch's light is the most that it can give.
-                    let moved = ((light / self.omega_sr) as f32).min(radiance[patch][channel].max(0.0));
-                    radiance[patch][channel] -= moved;
-                    radiance[to][channel] += moved;
+                    // About half of a patch's light is the most that it has to give.
+                    let light = light.min(f64::from(radiance[patch][channel]) * self.omegas_sr[patch]).max(0.0);
+                    radiance[patch][channel] -= (light / self.omegas_sr[patch]) as f32;
+                    radiance[to][channel] += (light / self.omegas_sr[to]) as f32;
                 }
             }
         }
@@ -113,12 +113,14 @@ fn middle(set: &PatchSet, patch: usize) -> Vec3 {
     sum
 }
 
-fn around(middles: &[Vec3], patch: usize, reach: f64) -> Around {
+fn around(middles: &[Vec3], omegas_sr: &[f64], patch: usize) -> Around {
     let own = middles[patch];
     let axes = beside(own);
     let apart = |other: Vec3| -> Vec3 { std::array::from_fn(|k| other[k] - own[k]) };
-    let is_near =
-        |&(other, middle): &(usize, &Vec3)| other != patch && dot(apart(*middle), apart(*middle)).sqrt() < reach;
+    let is_near = |&(other, middle): &(usize, &Vec3)| {
+        other != patch
+            && dot(apart(*middle), apart(*middle)).sqrt() < REACH * omegas_sr[patch].max(omegas_sr[other]).sqrt()
+    };
     let stands =
         |(other, middle): (usize, &Vec3)| Neighbour { patch: other, at: axes.map(|axis| dot(axis, apart(*middle))) };
     let mut all: Vec<Neighbour> = middles.iter().enumerate().filter(is_near).map(stands).collect();
@@ -217,13 +219,11 @@ mod tests {
     }
 
     #[test]
-    fn even_light_stays_and_sets_of_unlike_patches_have_none() {
+    fn even_light_stays() {
         let set = PatchSet::new(64).unwrap();
         let mut radiance = vec![[1.0, 2.0, 3.0]; set.len()];
         Moments::new(&set).unwrap().settle(&mut radiance, &vec![[[0.0; 3]; 3]; set.len()]);
         assert!(radiance.iter().all(|rgb| *rgb == [1.0, 2.0, 3.0]));
-        let cut = crate::patches::Subdivided::uncut(false);
-        assert!(Moments::new(&PatchSet::of_subdivided(cut)).is_none());
     }
 
     /// Without moments all of it jumps at every border.

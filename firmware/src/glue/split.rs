@@ -286,8 +286,9 @@ pub fn integrate(map: &RadianceMap, set: &PatchSet, env_rot_deg: f64) -> Vec<[f3
     }
 }
 
-/// The same, with what stands at one side of a patch moved in part to its neighbours, where the set has such ([`Moments`]).
-fn settled(map: &RadianceMap, set: &PatchSet, env_rot_deg: f64) -> Vec<[f32; 3]> {
+/// The same, with what stands at one side of a patch moved in part to its neighbours, where the set has such ([`Moments`]): the
+/// weights that stand for a map without a sun.
+pub fn settled(map: &RadianceMap, set: &PatchSet, env_rot_deg: f64) -> Vec<[f32; 3]> {
     let Some(moments) = Moments::new(set) else { return integrate(map, set, env_rot_deg) };
     let sums = patch_sums(map, set, env_rot_deg);
     // About the middle of an even map, summed up in the same way, so that such a map has no moments at all.
