@@ -309,11 +309,9 @@ impl Capture {
         for share in self.shares.of_patch(patch) {
             let (value, omega) = (self.sky[share.pixel as usize], f64::from(share.omega));
             let up = f64::from(self.shares.dirs[share.pixel as usize][1]);
-            for k in 0..3 {
-                let light = f64::from(value[k]) * omega;
-                sums.light[k] += light;
-                sums.level[k] += light * up;
-            }
+            let light = value.map(|v| f64::from(v) * omega);
+            sums.light = std::array::from_fn(|k| sums.light[k] + light[k]);
+            sums.level = std::array::from_fn(|k| sums.level[k] + light[k] * up);
         }
         self.sums[patch] = sums;
     }

@@ -73,7 +73,7 @@ impl Capture {
 
     /// Takes what the lens scattered of the sun out of the sky around it. What is left is no darker than the clear sky that comes
     /// through with the beam.
-    fn take_out_halo(&mut self, sun_dir: [f32; 3], irradiance: [f32; 3], into: &mut Captured) {
+    pub(super) fn take_out_halo(&mut self, sun_dir: [f32; 3], irradiance: [f32; 3], into: &mut Captured) {
         let Some(believed) = self.beam.halo.believed() else { return };
         let least = into.beam_share.map_or([0.0; 3], |share| self.beam.least_clear().map(|clear| clear * share as f32));
         for (pixel, apart_deg) in self.spot.shown() {
