@@ -14,8 +14,10 @@
 mod astray;
 mod beam;
 mod clearsky;
+mod halo;
 mod intake;
 mod shares;
+mod sunlight;
 mod sunspot;
 
 use crate::bracket::{Merged, PixelState};
@@ -24,11 +26,10 @@ use crate::lens::Lens;
 use crate::map::luminance;
 use crate::skymodel::clear_beam;
 use crate::smooth::SmoothSky;
-use crate::split::{MIN_DISC_CONTRAST, MIN_IRRADIANCE_SHARE};
-use crate::sun::{SunPosition, dir_world};
-use crate::weights::{PatchWeights, SunWeight, sun_solid_angle_sr};
+use crate::sun::SunPosition;
+use crate::weights::PatchWeights;
 use beam::Beam;
-use clearsky::{ClearSky, Measured};
+use clearsky::ClearSky;
 use intake::Intake;
 use relume_firmware::patches::PatchSet;
 use shares::Shares;
@@ -38,13 +39,6 @@ use sunspot::SunSpot;
 const SEEN_SHARE: f64 = 0.25;
 /// A share of a patch that is less than this does not count as missing: what rounding leaves.
 const MISSING: f32 = 0.01;
-/// A clipped pixel at the sun's place shows the sun if it is at least this much brighter than the sky around it, as far as it could
-/// be measured; or if what is around it tells of so much of the beam.
-const CLIPPED_CONTRAST: f64 = 3.0;
-const PLAIN_SHARE: f64 = 0.1;
-/// Less than this share of the clear-sky beam is a veiled sun.
-const VEILED: f64 = 0.75;
-
 /// What the capture must know besides the lens.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CaptureSettings {
@@ -133,6 +127,13 @@ pub enum CaptureError {
     NoSky,
 }
 
+/// A patch's sums over its pixels: radiance x solid angle, and that times the height of the direction (horizontal irradiance).
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    light: [f64; 3],
+    level: [f64; 3],
+}
+
 /// A merged picture in the weights' unit, with its geometry.
 struct SkyPicture<'p> {
     merged: &'p Merged,
@@ -155,7 +156,7 @@ pub struct Capture {
     intake: Intake,
     /// Scratch: Rec.709 radiance per picture pixel in the weights' unit, and sums per patch.
     sky: Vec<[f32; 3]>,
-    sums: Vec<[f64; 3]>,
+    sums: Vec<Sums>,
     smooth: SmoothSky,
     spot: SunSpot,
 }
@@ -285,40 +286,49 @@ impl Capture {
         Ok(())
     }
 
-    /// The sun to its own weight and the sky behind it to the patches; the picture as it was where none shines.
-    fn take_out_sun(&mut self, merged: &Merged, position: SunPosition, into: &mut Captured) -> SunSource {
-        let sun_dir = dir_world(position, self.settings.north_deg);
-        let picture = SkyPicture { merged, sky: &self.sky, dirs: &self.shares.dirs, omegas: &self.shares.omegas };
-        if !self.spot.look(&self.lens, &picture, sun_dir) {
-            return SunSource::Covered;
-        }
-        for &(pixel, _, left) in &self.spot.spot {
-            self.sky[pixel as usize] = left;
-        }
-        self.fill_patches(into);
-        let source = self.add_sun(position, into);
-        let is_clipped = |&&(pixel, ..): &&(u32, _, _)| merged.state[pixel as usize] == PixelState::Clipped;
-        if into.weights.sun.is_some() {
-            into.clipped_pixels -= self.spot.spot.iter().filter(is_clipped).count();
-        } else {
-            for &(pixel, found, _) in &self.spot.spot {
-                self.sky[pixel as usize] = found;
-            }
-        }
-        source
-    }
-
     /// Mean radiance per upper patch, and what was not seen.
     fn fill_patches(&mut self, into: &mut Captured) {
-        self.sums.resize(self.set.len(), [0.0; 3]);
-        let mut level = self.shares.sum(&self.sky, &mut self.sums);
+        self.sums.clear();
+        self.sums.resize(self.set.len(), Sums::default());
+        (0..self.set.len()).for_each(|patch| self.sum(patch));
+        self.fill_from_sums(into);
+    }
+
+    /// The same where the picture has changed within some degrees of a direction.
+    fn fill_patches_near(&mut self, dir_world: [f32; 3], within_deg: f32, into: &mut Captured) {
+        for patch in 0..self.set.len() {
+            if self.shares.is_near(patch, self.set.dir_world(patch), dir_world, within_deg) {
+                self.sum(patch);
+            }
+        }
+        self.fill_from_sums(into);
+    }
+
+    fn sum(&mut self, patch: usize) {
+        let mut sums = Sums::default();
+        for share in self.shares.of_patch(patch) {
+            let (value, omega) = (self.sky[share.pixel as usize], f64::from(share.omega));
+            let up = f64::from(self.shares.dirs[share.pixel as usize][1]);
+            let light = value.map(|v| f64::from(v) * omega);
+            sums.light = std::array::from_fn(|k| sums.light[k] + light[k]);
+            sums.level = std::array::from_fn(|k| sums.level[k] + light[k] * up);
+        }
+        self.sums[patch] = sums;
+    }
+
+    fn fill_from_sums(&mut self, into: &mut Captured) {
         let radiance = &mut into.weights.radiance;
         radiance.clear();
         let means = self.sums.iter().zip(&self.shares.seen);
-        radiance
-            .extend(means.map(|(sum, &seen)| sum.map(|v| if seen > 0.0 { (v / seen).max(0.0) as f32 } else { 0.0 })));
+        radiance.extend(
+            means.map(|(sums, &seen)| sums.light.map(|v| if seen > 0.0 { (v / seen).max(0.0) as f32 } else { 0.0 })),
+        );
         if self.filled_share.iter().any(|&share| share > 0.0) {
             self.fill_missing(radiance);
+        }
+        let mut level = [0.0; 3];
+        for sums in &self.sums {
+            level = std::array::from_fn(|k| level[k] + sums.level[k]);
         }
         for (patch, value) in radiance.iter().enumerate().take(self.set.upper()) {
             let missing = self.filled_share[patch] * self.set.solid_angle_sr(patch);
@@ -349,49 +359,6 @@ impl Capture {
         let albedo = self.settings.ground_albedo;
         let ground = std::array::from_fn(|k| albedo[k] * (irradiance[k] / std::f64::consts::PI) as f32);
         into.weights.radiance[self.set.upper()..].fill(ground);
-    }
-
-    fn add_sun(&mut self, position: SunPosition, into: &mut Captured) -> SunSource {
-        let spot = &self.spot;
-        let least = spot.irradiance.map(|v| v as f32);
-        let light = f64::from(luminance(least));
-        let upper = self.set.upper();
-        let of_patch = |at: usize| f64::from(luminance(into.weights.radiance[at]) * self.set.solid_angle_sr(at));
-        let sky = 0.5 * (0..upper).map(of_patch).sum::<f64>();
-        if light <= 0.0 {
-            return SunSource::Covered;
-        }
-        let (irradiance, source) = if spot.clipped {
-            let Some((modelled, share)) = self.modelled_sun(position, &into.weights.radiance) else {
-                return SunSource::Covered;
-            };
-            into.beam_share = Some(share);
-            let source = if share < VEILED { SunSource::Veiled } else { SunSource::ClearSkyModel };
-            (std::array::from_fn(|k| modelled[k].max(least[k])), source)
-        } else if light / sun_solid_angle_sr() >= MIN_DISC_CONTRAST * spot.ring {
-            (least, SunSource::Measured)
-        } else {
-            return SunSource::Covered;
-        };
-        if f64::from(luminance(irradiance)) < MIN_IRRADIANCE_SHARE * sky {
-            return SunSource::Covered;
-        }
-        let above = SunPosition { altitude_deg: position.altitude_deg.max(0.0), ..position };
-        into.weights.sun = Some(SunWeight { dir_world: dir_world(above, self.settings.north_deg), irradiance });
-        source
-    }
-
-    /// What comes through of the clear-sky beam in the measured sky's unit, and its share of that beam; none where what is
-    /// clipped is no sun.
-    fn modelled_sun(&mut self, sun: SunPosition, radiance: &[[f32; 3]]) -> Option<([f32; 3], f64)> {
-        let clear = self.clear_sky.look(&Measured { set: &self.set, radiance, sun, settings: &self.settings });
-        let stands_out = self.spot.brightest >= CLIPPED_CONTRAST * self.spot.ring;
-        let share = match self.beam.look(&self.spot.near, &clear) {
-            Some(share) if stands_out || share >= PLAIN_SHARE => share,
-            None if stands_out => 1.0,
-            _ => return None,
-        };
-        Some((clear.beam.map(|v| v * share as f32), share))
     }
 }
 

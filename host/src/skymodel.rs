@@ -8,21 +8,22 @@
 //! - Below the horizon the sky at sunset fades by 10^(0.475 per degree), which meets the 3.4 lx of civil and the 0.006 lx of
 //!   nautical twilight, and turns to a dim blue; at night 0.002 lx remain.
 
+mod dome;
+
 use crate::clouds::Clouds;
 use crate::map::{RadianceMap, luminance};
-use crate::sun::{Place, SunError, SunPosition, dir_world, sun_position};
+use crate::sun::{Place, SunError, SunPosition, sun_position};
 use crate::weights::{PatchWeights, SUN_DIAMETER_DEG, SunWeight};
-use hw_skymodel::rgb::{Channel, SkyParams, SkyState};
+pub use dome::ClearDome;
+use dome::horizontal_irradiance;
 use relume_firmware::patches::PatchSet;
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::PI;
 
 /// Extraterrestrial beam, RGB: 133.1 klx / 683 in the colour of the AM0 spectrum.
 const BEAM: [f32; 3] = [194.9 * 1.096, 194.9 * 0.977, 194.9 * 0.944];
 const WAVELENGTH_UM: [f32; 3] = [0.610, 0.550, 0.465];
 /// Ozone's optical depth at air mass 1 for 0.35 cm.
 const OZONE_DEPTH: [f32; 3] = [0.042, 0.030, 0.002];
-const NIGHT: [f32; 3] = [0.5e-6, 0.8e-6, 1.6e-6];
-const TWILIGHT_DECADES_PER_DEG: f32 = 0.475;
 
 /// What the air and the ground are like.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,9 +57,7 @@ impl Default for Atmosphere {
 pub struct SkyModel {
     atmosphere: Atmosphere,
     clouds: Clouds,
-    state: Option<SkyState>,
-    altitude_deg: f32,
-    sun_dir: [f32; 3],
+    dome: ClearDome,
     /// Direct beam above the clouds.
     beam: [f32; 3],
     /// Horizontal irradiance above the clouds.
@@ -91,29 +90,21 @@ fn disc_share(altitude_deg: f32) -> f32 {
 impl SkyModel {
     /// The sky with the sun at a position; `north_deg` as in the camera file; `time_s` moves the clouds.
     pub fn new(atmosphere: Atmosphere, sun: SunPosition, north_deg: f64, time_s: f64) -> Self {
-        let altitude_deg = sun.altitude_deg.clamp(-90.0, 90.0) as f32;
-        let params = SkyParams {
-            elevation: altitude_deg.max(0.0).to_radians().min(std::f32::consts::FRAC_PI_2),
-            turbidity: atmosphere.turbidity.clamp(1.7, 10.0),
-            albedo: atmosphere.ground_albedo.map(|a| a.clamp(0.0, 1.0)),
-        };
+        let dome = ClearDome::new(atmosphere.turbidity, atmosphere.ground_albedo, sun, north_deg);
+        let beam = clear_beam(sun.altitude_deg as f32, atmosphere.turbidity);
+        let (clear, height) = (dome.horizontal_irradiance(), dome.sun_dir()[1].max(0.0));
         let mut model = SkyModel {
             atmosphere,
             clouds: Clouds::new(&atmosphere, time_s),
-            state: SkyState::new(&params).ok(),
-            altitude_deg,
-            sun_dir: dir_world(sun, north_deg),
-            beam: clear_beam(altitude_deg, atmosphere.turbidity),
-            above_clouds: [0.0; 3],
+            dome,
+            beam,
+            above_clouds: std::array::from_fn(|k| clear[k] + beam[k] * height),
             on_ground: [0.0; 3],
         };
-        let height = model.sun_dir[1].max(0.0);
-        let clear = horizontal_irradiance(|dir| model.clear(dir));
-        model.above_clouds = std::array::from_fn(|k| clear[k] + model.beam[k] * height);
         let is_cloudy = atmosphere.cloud_cover > 0.0;
         let under = if is_cloudy { horizontal_irradiance(|dir| model.radiance(dir)) } else { clear };
-        let passed = model.clouds.transmission(model.sun_dir);
-        model.on_ground = std::array::from_fn(|k| under[k] + model.beam[k] * passed * height);
+        let passed = model.clouds.transmission(model.sun_dir());
+        model.on_ground = std::array::from_fn(|k| under[k] + beam[k] * passed * height);
         model
     }
 
@@ -125,25 +116,9 @@ impl SkyModel {
         Ok(Self::new(atmosphere, sun_position(unix_s, place)?, north_deg, unix_s))
     }
 
-    /// Radiance of the clear sky, dir above the horizon.
-    fn clear(&self, dir: [f32; 3]) -> [f32; 3] {
-        let Some(state) = &self.state else { return NIGHT };
-        let cos_gamma = (0..3).map(|k| dir[k] * self.sun_dir[k]).sum::<f32>().clamp(-1.0, 1.0);
-        let (gamma, theta) = (cos_gamma.acos(), dir[1].clamp(0.0, 1.0).acos());
-        let channels = [Channel::R, Channel::G, Channel::B];
-        let day = channels.map(|channel| state.radiance(theta, gamma, channel).max(0.0));
-        if self.altitude_deg >= 0.0 {
-            return std::array::from_fn(|k| day[k] + NIGHT[k]);
-        }
-        let fade = 10f32.powf(TWILIGHT_DECADES_PER_DEG * self.altitude_deg);
-        let blue = (-self.altitude_deg / 8.0).clamp(0.0, 1.0);
-        let dusk = [0.55, 0.85, 1.6].map(|tint| 0.6 * tint * (0.7 + 0.3 * (1.0 - dir[1])));
-        std::array::from_fn(|k| fade * (day[k] * (1.0 - blue) + dusk[k] * blue) + NIGHT[k])
-    }
-
     /// Unit direction towards the sun.
     pub fn sun_dir(&self) -> [f32; 3] {
-        self.sun_dir
+        self.dome.sun_dir()
     }
 
     /// Radiance without the sun's disc in a unit direction; the ground's below the horizon.
@@ -151,15 +126,15 @@ impl SkyModel {
         if dir[1] < 0.0 {
             return self.ground_radiance();
         }
-        let clear = self.clear(dir);
+        let clear = self.dome.radiance(dir);
         let depth = self.clouds.optical_depth(dir);
         if depth <= 0.0 {
             return clear;
         }
         // A cloud hides by e^-depth what is behind it and passes down a share of the light that falls on it, less when thick;
         // thin edges before the sun scatter its beam forward.
-        let passed = (-depth).exp();
-        let cos_gamma = (0..3).map(|k| dir[k] * self.sun_dir[k]).sum::<f32>();
+        let (passed, sun_dir) = ((-depth).exp(), self.sun_dir());
+        let cos_gamma = (0..3).map(|k| dir[k] * sun_dir[k]).sum::<f32>();
         let forward = 0.6 * (-(1.0 - cos_gamma) / 0.05).exp() * (1.0 + depth).recip();
         let share = 0.25 + 0.65 * (-depth / 6.0).exp();
         std::array::from_fn(|k| {
@@ -180,9 +155,9 @@ impl SkyModel {
 
     /// The sun as clouds leave it; none when it is below the horizon or hidden (less than 1e-6 of the unclouded noon sun).
     pub fn sun(&self) -> Option<SunWeight> {
-        let passed = self.clouds.transmission(self.sun_dir);
+        let passed = self.clouds.transmission(self.sun_dir());
         let irradiance = self.beam.map(|v| v * passed);
-        let mut dir_world = self.sun_dir;
+        let mut dir_world = self.sun_dir();
         if dir_world[1] < 0.0 {
             let level = dir_world[0].hypot(dir_world[2]);
             dir_world = [dir_world[0] / level, 0.0, dir_world[2] / level];
@@ -219,21 +194,6 @@ impl SkyModel {
         let radiance = (0..set.len()).map(|p| if p < set.upper() { mean(p) } else { ground }).collect();
         PatchWeights { radiance, sun: self.sun() }
     }
-}
-
-/// Horizontal irradiance of a sky by 512 directions uniform in sin^2 of the zenith angle and in azimuth.
-fn horizontal_irradiance(radiance: impl Fn([f32; 3]) -> [f32; 3]) -> [f32; 3] {
-    let mut sum = [0.0; 3];
-    for i in 0..16 {
-        let radius = ((i as f32 + 0.5) / 16.0).sqrt();
-        let up = (1.0 - radius * radius).sqrt();
-        for j in 0..32 {
-            let (sin, cos) = ((j as f32 + 0.5) / 32.0 * TAU).sin_cos();
-            let value = radiance([radius * cos, up, radius * sin]);
-            sum = std::array::from_fn(|k| sum[k] + value[k] * PI / 512.0);
-        }
-    }
-    sum
 }
 
 /// `count` unit directions spread evenly over the sun's disc around a unit direction.

@@ -10,7 +10,7 @@
 
 use super::CaptureSettings;
 use crate::map::luminance;
-use crate::skymodel::{Atmosphere, SkyModel, clear_beam};
+use crate::skymodel::{ClearDome, clear_beam};
 use crate::sun::{SunPosition, angle_deg};
 use relume_firmware::patches::PatchSet;
 
@@ -44,9 +44,18 @@ pub(super) struct ClearSky {
     logs: Vec<f64>,
 }
 
+/// A turbidity that was tried: the unit and the width of the interval that it comes with, and twice the negative logarithm of its
+/// probability, but for a constant.
+struct Haze {
+    turbidity: f64,
+    unit: f64,
+    width: f64,
+    unlikely: f64,
+}
+
 /// The clear sky of one moment, as far as it is known.
 pub(super) struct Clear {
-    pub model: SkyModel,
+    pub dome: ClearDome,
     /// Measured over modelled radiance.
     pub unit: f64,
     /// Whether haze and unit were ever seen; else they are the settings' and the lower quartile's (clouds are brighter than the
@@ -67,18 +76,13 @@ pub(super) struct Measured<'m> {
 }
 
 impl Measured<'_> {
-    fn model(&self, turbidity: f64) -> SkyModel {
-        let atmosphere = Atmosphere {
-            turbidity: turbidity as f32,
-            ground_albedo: self.settings.ground_albedo,
-            ..Atmosphere::default()
-        };
-        SkyModel::new(atmosphere, self.sun, self.settings.north_deg, 0.0)
+    fn dome(&self, turbidity: f64) -> ClearDome {
+        ClearDome::new(turbidity as f32, self.settings.ground_albedo, self.sun, self.settings.north_deg)
     }
 
     /// Logarithm of measured over modelled luminance of an upper patch.
-    fn log(&self, model: &SkyModel, patch: usize) -> f64 {
-        let modelled = luminance(model.radiance(self.set.dir_world(patch))).max(1e-12);
+    fn log(&self, dome: &ClearDome, patch: usize) -> f64 {
+        let modelled = luminance(dome.radiance(self.set.dir_world(patch))).max(1e-12);
         f64::from(luminance(self.radiance[patch]).max(1e-12) / modelled).ln()
     }
 }
@@ -86,72 +90,73 @@ impl Measured<'_> {
 impl ClearSky {
     /// Learns from a measured sky and tells what the clear sky is like.
     pub fn look(&mut self, measured: &Measured<'_>) -> Clear {
-        let mut turbidity = self.known.map_or(f64::from(measured.settings.turbidity), |(turbidity, _)| turbidity);
-        if self.known.is_none() {
-            turbidity = self.first(measured, turbidity);
-        }
-        turbidity = self.climb(measured, turbidity);
-        let (width, middle) = self.agreement(measured, &measured.model(turbidity));
-        let is_tight = width <= TIGHT;
-        if is_tight {
-            self.learn(turbidity, middle, width);
-        }
         let own = f64::from(measured.settings.turbidity);
+        let likeliest = self.likeliest(measured, own);
+        let is_tight = likeliest.width <= TIGHT;
+        if is_tight {
+            self.learn(&likeliest);
+        }
         let turbidity = self.known.map_or(own, |(turbidity, _)| turbidity);
-        let model = measured.model(turbidity);
-        let unit = self.known.map_or_else(|| self.lower_quartile(measured, &model), |(_, unit)| unit);
+        let dome = measured.dome(turbidity);
+        let unit = self.known.map_or_else(|| self.lower_quartile(measured, &dome), |(_, unit)| unit);
         let beam = clear_beam(measured.sun.altitude_deg as f32, turbidity as f32).map(|v| v * unit as f32);
-        let around_sun = if is_tight { clear_around(measured, &model, unit) } else { 0.0 };
-        Clear { model, unit, is_known: self.known.is_some(), around_sun, beam }
+        let around_sun = if is_tight { clear_around(measured, &dome, unit) } else { 0.0 };
+        Clear { dome, unit, is_known: self.known.is_some(), around_sun, beam }
     }
 
     /// Takes in what a moment told: the closer its patches agree, the more.
-    fn learn(&mut self, turbidity: f64, unit: f64, width: f64) {
-        let part = FOLLOW * (1.0 - width / TIGHT);
-        self.known = Some(self.known.map_or((turbidity, unit), |(old_turbidity, old_unit)| {
-            (old_turbidity + part * (turbidity - old_turbidity), old_unit + part * (unit - old_unit))
+    fn learn(&mut self, found: &Haze) {
+        let part = FOLLOW * (1.0 - found.width / TIGHT);
+        self.known = Some(self.known.map_or((found.turbidity, found.unit), |(old_turbidity, old_unit)| {
+            (old_turbidity + part * (found.turbidity - old_turbidity), old_unit + part * (found.unit - old_unit))
         }));
     }
 
-    /// The best of turbidities all over the range, and of `own`.
-    fn first(&mut self, measured: &Measured<'_>, own: f64) -> f64 {
-        let mut best = (self.unlikely(measured, own), own);
-        for step in 0..FIRST.2 {
-            let turbidity = FIRST.0 * FIRST.1.powi(step);
-            let unlikely = self.unlikely(measured, turbidity);
-            if unlikely < BETTER * best.0 {
-                best = (unlikely, turbidity);
+    /// The likeliest turbidity: from the known one, or the best of all over the range, to its neighbours for as long as they are
+    /// likelier.
+    fn likeliest(&mut self, measured: &Measured<'_>, own: f64) -> Haze {
+        let mut best = self.haze(measured, self.known.map_or(own, |(turbidity, _)| turbidity));
+        if self.known.is_none() {
+            for step in 0..FIRST.2 {
+                self.improve(measured, FIRST.0 * FIRST.1.powi(step), &mut best);
             }
         }
-        best.1
-    }
-
-    /// Goes from a turbidity to its neighbour for as long as that is likelier.
-    fn climb(&mut self, measured: &Measured<'_>, from: f64) -> f64 {
-        let mut best = (self.unlikely(measured, from), from);
         for factor in [STEP, 1.0 / STEP] {
+            let from = best.turbidity;
             for _ in 0..STEPS {
-                let turbidity = (best.1 * factor).clamp(1.7, 10.0);
-                let unlikely = self.unlikely(measured, turbidity);
-                if unlikely >= BETTER * best.0 {
+                if !self.improve(measured, (best.turbidity * factor).clamp(1.7, 10.0), &mut best) {
                     break;
                 }
-                best = (unlikely, turbidity);
+            }
+            if best.turbidity > from {
+                // What lies behind is known to be less likely.
+                break;
             }
         }
-        best.1
+        best
     }
 
-    /// Twice the negative logarithm of a turbidity's probability, but for a constant.
-    fn unlikely(&mut self, measured: &Measured<'_>, turbidity: f64) -> f64 {
-        let (width, _) = self.agreement(measured, &measured.model(turbidity));
+    /// Whether another turbidity is plainly likelier; takes it then.
+    fn improve(&mut self, measured: &Measured<'_>, turbidity: f64, best: &mut Haze) -> bool {
+        let other = self.haze(measured, turbidity);
+        let is_better = other.unlikely < BETTER * best.unlikely;
+        if is_better {
+            *best = other;
+        }
+        is_better
+    }
+
+    /// How well a turbidity fits.
+    fn haze(&mut self, measured: &Measured<'_>, turbidity: f64) -> Haze {
+        let (width, unit) = self.agreement(measured, &measured.dome(turbidity));
         let from_settings = (turbidity / f64::from(measured.settings.turbidity)).ln();
-        (width / LENGTH_SIGMA).powi(2) + (from_settings / TURBIDITY_SIGMA).powi(2)
+        let unlikely = (width / LENGTH_SIGMA).powi(2) + (from_settings / TURBIDITY_SIGMA).powi(2);
+        Haze { turbidity, unit, width, unlikely }
     }
 
     /// Width of the shortest interval that holds the agreeing patches' logarithms, and the unit in its middle.
-    fn agreement(&mut self, measured: &Measured<'_>, model: &SkyModel) -> (f64, f64) {
-        self.take_logs(measured, model);
+    fn agreement(&mut self, measured: &Measured<'_>, dome: &ClearDome) -> (f64, f64) {
+        self.take_logs(measured, dome);
         let count = ((AGREEING * self.logs.len() as f64) as usize).max(1);
         let widths = self.logs.iter().zip(self.logs.iter().skip(count)).map(|(low, high)| high - low);
         let best = widths.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
@@ -159,27 +164,27 @@ impl ClearSky {
         (width, self.logs[at + count / 2].exp())
     }
 
-    fn lower_quartile(&mut self, measured: &Measured<'_>, model: &SkyModel) -> f64 {
-        self.take_logs(measured, model);
+    fn lower_quartile(&mut self, measured: &Measured<'_>, dome: &ClearDome) -> f64 {
+        self.take_logs(measured, dome);
         self.logs.get(self.logs.len() / 4).map_or(1.0, |log| log.exp())
     }
 
-    fn take_logs(&mut self, measured: &Measured<'_>, model: &SkyModel) {
+    fn take_logs(&mut self, measured: &Measured<'_>, dome: &ClearDome) {
         self.logs.clear();
-        self.logs.extend((0..measured.set.upper()).map(|patch| measured.log(model, patch)));
+        self.logs.extend((0..measured.set.upper()).map(|patch| measured.log(dome, patch)));
         self.logs.sort_unstable_by(f64::total_cmp);
     }
 }
 
 /// Share of the patches around the sun that are clear.
-fn clear_around(measured: &Measured<'_>, model: &SkyModel, unit: f64) -> f64 {
+fn clear_around(measured: &Measured<'_>, dome: &ClearDome, unit: f64) -> f64 {
     let (mut clear, mut all) = (0, 0);
     for patch in 0..measured.set.upper() {
         let dir = measured.set.dir_world(patch);
-        let apart = angle_deg(dir, model.sun_dir());
+        let apart = angle_deg(dir, dome.sun_dir());
         if (AROUND_DEG[0]..AROUND_DEG[1]).contains(&apart) {
             all += 1;
-            clear += usize::from(looks_clear(measured.radiance[patch], model.radiance(dir), unit));
+            clear += usize::from(looks_clear(measured.radiance[patch], dome.radiance(dir), unit));
         }
     }
     if all < LEAST_AROUND { 0.0 } else { clear as f64 / all as f64 }

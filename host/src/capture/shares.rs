@@ -7,6 +7,7 @@
 //! strip of half a pixel along the horizon) takes the nearest one above it.
 
 use crate::lens::Lens;
+use crate::sun::angle_deg;
 use relume_firmware::patches::PatchSet;
 
 /// Sub-samples of a cut pixel, a side.
@@ -27,6 +28,9 @@ pub(super) struct Share {
 pub(super) struct Shares {
     /// Sorted by patch.
     pub shares: Vec<Share>,
+    /// Where each patch's begin, and the end; and how far from the patch's direction its farthest pixel looks, degrees.
+    starts: Vec<usize>,
+    reach_deg: Vec<f32>,
     /// Per picture pixel its centre's direction and solid angle, which is 0 where it does not count.
     pub dirs: Vec<[f32; 3]>,
     pub omegas: Vec<f32>,
@@ -90,28 +94,14 @@ impl Shares {
         builder.finish(dirs)
     }
 
-    /// Sums a picture's radiance x solid angle over each patch, W/m^2 per channel of the picture's unit, and over all of them
-    /// times the height of each pixel's direction: horizontal irradiance.
-    pub fn sum(&self, sky: &[[f32; 3]], sums: &mut [[f64; 3]]) -> [f64; 3] {
-        sums.fill([0.0; 3]);
-        let mut level = [0.0; 3];
-        for of_patch in self.shares.chunk_by(|a, b| a.patch == b.patch) {
-            // Sums of one patch stay in registers.
-            let mut sum = [0.0; 3];
-            for share in of_patch {
-                let (value, omega) = (sky[share.pixel as usize], f64::from(share.omega));
-                let up = f64::from(self.dirs[share.pixel as usize][1]);
-                for k in 0..3 {
-                    let light = f64::from(value[k]) * omega;
-                    sum[k] += light;
-                    level[k] += light * up;
-                }
-            }
-            if let Some(first) = of_patch.first() {
-                sums[usize::from(first.patch)] = sum;
-            }
-        }
-        level
+    /// Those of one patch.
+    pub fn of_patch(&self, patch: usize) -> &[Share] {
+        &self.shares[self.starts[patch]..self.starts[patch + 1]]
+    }
+
+    /// Whether any pixel of a patch, which lies in `dir_world`, may look within some degrees of another direction.
+    pub fn is_near(&self, patch: usize, dir_world: [f32; 3], other_world: [f32; 3], within_deg: f32) -> bool {
+        angle_deg(dir_world, other_world) as f32 <= within_deg + self.reach_deg[patch]
     }
 
     /// Pixels that count.
@@ -212,8 +202,18 @@ impl Builder<'_> {
             same
         });
         self.shares.shrink_to_fit();
+        let starts: Vec<usize> =
+            (0..=self.set.len()).map(|patch| self.shares.partition_point(|s| usize::from(s.patch) < patch)).collect();
+        let apart_deg = |share: &Share, patch| angle_deg(self.set.dir_world(patch), dirs[share.pixel as usize]) as f32;
+        let farthest = |patch: usize| {
+            self.shares[starts[patch]..starts[patch + 1]]
+                .iter()
+                .map(|share| apart_deg(share, patch))
+                .fold(0.0, f32::max)
+        };
+        let reach_deg = (0..self.set.len()).map(farthest).collect();
         let mean = |(moment, seen): (&[f64; 3], &f64)| moment.map(|c| (c / seen.max(1e-12)) as f32);
         let seen_dirs = self.moments.iter().zip(&self.seen).map(mean).collect();
-        Shares { shares: self.shares, dirs, omegas: self.omegas, seen: self.seen, seen_dirs }
+        Shares { shares: self.shares, starts, reach_deg, dirs, omegas: self.omegas, seen: self.seen, seen_dirs }
     }
 }

@@ -39,6 +39,8 @@ pub(super) struct SunSpot {
     pub ring: f64,
     pub brightest: f64,
     pub clipped: bool,
+    /// As far from the sun as the spot reaches, degrees.
+    radius_deg: f32,
 }
 
 fn chord(degrees: f32) -> f32 {
@@ -56,13 +58,24 @@ impl SunSpot {
         }
         let Some(nearest) = self.places.iter().min_by(|a, b| a.apart.total_cmp(&b.apart)) else { return false };
         let pixel_deg = picture.omegas[nearest.pixel as usize].sqrt().to_degrees();
-        let radius_deg = self.radius_deg(picture.merged, pixel_deg);
+        let radius_deg = self.blob_deg(picture.merged, pixel_deg);
+        self.radius_deg = radius_deg;
         let (inner, outer) = (chord(radius_deg).powi(2), chord(RING * radius_deg).powi(2));
         if !self.inpaint(picture, inner, outer) {
             return false;
         }
         self.around(picture, chord(radius_deg + pixel_deg).powi(2));
         true
+    }
+
+    /// Pixels within the aureole's radius, and how far from the sun lies what they show, degrees: of the in-painted ones that is
+    /// the ring around the spot.
+    pub fn shown(&self) -> impl Iterator<Item = (usize, f32)> {
+        let ring_deg = 0.5 * (1.0 + RING) * self.radius_deg;
+        self.places.iter().map(move |place| {
+            let apart_deg = (2.0 * (0.5 * place.apart.sqrt()).asin()).to_degrees();
+            (place.pixel as usize, if apart_deg <= self.radius_deg { ring_deg } else { apart_deg })
+        })
     }
 
     /// Pixels that count within the aureole's radius; false when the sun is not in the picture.
@@ -97,7 +110,7 @@ impl SunSpot {
     }
 
     /// 1 degree, one and a half pixels, or as far as the clipped blob around the sun reaches.
-    fn radius_deg(&self, merged: &Merged, pixel_deg: f32) -> f32 {
+    fn blob_deg(&self, merged: &Merged, pixel_deg: f32) -> f32 {
         let mut radius = (SUN_RADIUS_DEG as f32).max(1.5 * pixel_deg);
         while radius < MAX_BLOB_DEG {
             let (from, to) = (chord(radius).powi(2), chord(radius + pixel_deg).powi(2));

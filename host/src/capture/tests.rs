@@ -4,6 +4,7 @@ use crate::camera::synthetic::{SyntheticCamera, SyntheticSettings};
 use crate::camera::{Exposure, take_series};
 use crate::response::Response;
 use crate::skymodel::{Atmosphere, SkyModel};
+use crate::sun::dir_world;
 
 mod sun;
 
