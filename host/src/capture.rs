@@ -2,7 +2,8 @@
 //!
 //! - What vignetting took is given back, and the camera's colours become Rec.709; pixels that the lens's mask leaves out are
 //!   no sky.
-//! - A patch's radiance is the mean over its own part of the picture (`capture/shares.rs`).
+//! - A patch's radiance is the mean over its own part of the picture (`capture/shares.rs`); of what stands at one side of it, its
+//!   neighbours get a part at last (`relume_firmware::glue::moments`).
 //! - What was not seen of a patch is filled from a smooth sky (`smooth.rs`): all of it where less than a quarter was seen,
 //!   else the difference that the smooth sky makes between the patch and its seen part.
 //! - The sun's place is the ephemeris'. What stands above the in-painted sky within 1 degree of it (or the clipped blob) is
@@ -24,6 +25,7 @@ use crate::bracket::{Merged, PixelState};
 use crate::colour::CameraColour;
 use crate::lens::Lens;
 use crate::map::luminance;
+use crate::moments::Moments;
 use crate::skymodel::clear_beam;
 use crate::smooth::SmoothSky;
 use crate::sun::SunPosition;
@@ -98,7 +100,7 @@ pub struct Captured {
 
 impl Captured {
     /// How far the sum of radiance x solid angle x max(y, 0) over the patches is off the picture's own horizontal
-    /// irradiance (luminance, relative; the sun left out of both). Patches count at their centroids, which alone makes 0.2 %.
+    /// irradiance (luminance, relative; the sun left out of both). Patches count at their centroids.
     pub fn irradiance_off(&self, set: &PatchSet) -> f64 {
         let sky = PatchWeights { radiance: self.weights.radiance.clone(), sun: None };
         let light = |rgb: [f64; 3]| f64::from(luminance(rgb.map(|v| v as f32)));
@@ -127,11 +129,12 @@ pub enum CaptureError {
     NoSky,
 }
 
-/// A patch's sums over its pixels: radiance x solid angle, and that times the height of the direction (horizontal irradiance).
+/// A patch's sums over its pixels, per channel: radiance x solid angle, and that times the direction, whose height makes it
+/// horizontal irradiance.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     light: [f64; 3],
-    level: [f64; 3],
+    by_dir: [[f64; 3]; 3],
 }
 
 /// A merged picture in the weights' unit, with its geometry.
@@ -157,6 +160,8 @@ pub struct Capture {
     /// Scratch: Rec.709 radiance per picture pixel in the weights' unit, and sums per patch.
     sky: Vec<[f32; 3]>,
     sums: Vec<Sums>,
+    aside: Vec<[[f64; 3]; 3]>,
+    moments: Option<Moments>,
     smooth: SmoothSky,
     spot: SunSpot,
 }
@@ -199,6 +204,8 @@ impl Capture {
             intake: Intake::new(lens, (width, height)),
             sky: Vec::new(),
             sums: Vec::new(),
+            aside: Vec::new(),
+            moments: Moments::new(&set),
             smooth: SmoothSky::default(),
             spot: SunSpot::default(),
         })
@@ -280,6 +287,7 @@ impl Capture {
         if into.weights.sun.is_none() {
             self.fill_patches(into);
         }
+        self.settle(into);
         self.fill_ground(into);
         into.filled_share.clone_from(&self.filled_share);
         into.filled_patches = self.filled_patches;
@@ -308,10 +316,11 @@ impl Capture {
         let mut sums = Sums::default();
         for share in self.shares.of_patch(patch) {
             let (value, omega) = (self.sky[share.pixel as usize], f64::from(share.omega));
-            let up = f64::from(self.shares.dirs[share.pixel as usize][1]);
+            let dir = self.shares.dirs[share.pixel as usize].map(f64::from);
             let light = value.map(|v| f64::from(v) * omega);
             sums.light = std::array::from_fn(|k| sums.light[k] + light[k]);
-            sums.level = std::array::from_fn(|k| sums.level[k] + light[k] * up);
+            let by_dir = |k: usize| std::array::from_fn(|m| sums.by_dir[k][m] + light[k] * dir[m]);
+            sums.by_dir = std::array::from_fn(by_dir);
         }
         self.sums[patch] = sums;
     }
@@ -328,7 +337,7 @@ impl Capture {
         }
         let mut level = [0.0; 3];
         for sums in &self.sums {
-            level = std::array::from_fn(|k| level[k] + sums.level[k]);
+            level = std::array::from_fn(|k| level[k] + sums.by_dir[k][1]);
         }
         for (patch, value) in radiance.iter().enumerate().take(self.set.upper()) {
             let missing = self.filled_share[patch] * self.set.solid_angle_sr(patch);
@@ -336,6 +345,21 @@ impl Capture {
             level = std::array::from_fn(|k| level[k] + weight * f64::from(value[k]));
         }
         into.sky_irradiance = level;
+    }
+
+    /// Moves in part to its neighbours what stands at one side of a patch's seen part.
+    fn settle(&mut self, into: &mut Captured) {
+        let Some(moments) = &self.moments else { return };
+        let about = |Sums { light, by_dir }: &Sums, middle: &[f64; 3]| -> [[f64; 3]; 3] {
+            std::array::from_fn(|k| std::array::from_fn(|m| by_dir[k][m] - light[k] * middle[m]))
+        };
+        let patches = self.sums.iter().zip(&self.shares.middles).zip(&self.filled_share);
+        self.aside.clear();
+        self.aside.extend(patches.map(|((sums, middle), &missing)| match is_enough(missing) {
+            true => about(sums, middle),
+            false => Default::default(),
+        }));
+        moments.settle(&mut into.weights.radiance, &self.aside);
     }
 
     fn fill_missing(&mut self, radiance: &mut [[f32; 3]]) {

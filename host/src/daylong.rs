@@ -107,7 +107,7 @@ pub fn run(config: &Config, field: &Field<'_>, date_unix_s: f64, count: usize) -
         let unix_s = begin + (end - begin) * number as f64 / (count.max(2) - 1) as f64;
         camera.read(clock::Moment { unix_s, trusted: true }, &mut reading).or_runtime()?;
         let sky = SkyModel::at(atmosphere(site, config.weather), unix_s, site.place, north_deg).or_runtime()?;
-        let mut radiance = split::integrate(&sky.map(TRUTH_ROWS), &patches, 0.0);
+        let mut radiance = split::settled(&sky.map(TRUTH_ROWS), &patches, 0.0);
         radiance[patches.upper()..].fill(sky.ground_radiance());
         let truth = PatchWeights { radiance, sun: sky.sun() };
         moments.push(compare(&mut meter, unix_s, &reading, &truth, site.place)?);

@@ -37,7 +37,7 @@ pub mod sun;
 pub mod sunpath;
 pub mod view;
 pub mod watchdog;
-pub use relume_firmware::glue::{failure, least_squares, map, outfile, split, weights};
+pub use relume_firmware::glue::{failure, least_squares, map, moments, outfile, split, weights};
 pub mod bracket;
 pub mod camera;
 pub mod capture;

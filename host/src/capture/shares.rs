@@ -37,6 +37,8 @@ pub(super) struct Shares {
     /// Per patch: solid angle that was seen, sr, and the mean direction of that (not of unit length).
     pub seen: Vec<f64>,
     pub seen_dirs: Vec<[f32; 3]>,
+    /// The mean of its pixels' directions, by their shares: where the light of an even sky stands.
+    pub middles: Vec<[f64; 3]>,
 }
 
 /// Where a picture position looks: direction and density, sr per pixel.
@@ -212,8 +214,27 @@ impl Builder<'_> {
                 .fold(0.0, f32::max)
         };
         let reach_deg = (0..self.set.len()).map(farthest).collect();
+        let middle = |patch: usize| {
+            let (mut sum, mut whole) = ([0.0; 3], 0.0);
+            for share in &self.shares[starts[patch]..starts[patch + 1]] {
+                let (dir, omega) = (dirs[share.pixel as usize], f64::from(share.omega));
+                sum = std::array::from_fn(|k| sum[k] + omega * f64::from(dir[k]));
+                whole += omega;
+            }
+            sum.map(|c: f64| c / whole.max(1e-12))
+        };
+        let middles = (0..self.set.len()).map(middle).collect();
         let mean = |(moment, seen): (&[f64; 3], &f64)| moment.map(|c| (c / seen.max(1e-12)) as f32);
         let seen_dirs = self.moments.iter().zip(&self.seen).map(mean).collect();
-        Shares { shares: self.shares, starts, reach_deg, dirs, omegas: self.omegas, seen: self.seen, seen_dirs }
+        Shares {
+            shares: self.shares,
+            starts,
+            reach_deg,
+            dirs,
+            omegas: self.omegas,
+            seen: self.seen,
+            seen_dirs,
+            middles,
+        }
     }
 }

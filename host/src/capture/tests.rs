@@ -115,6 +115,11 @@ fn what_vignetting_took_is_given_back_and_the_lenses_mask_is_kept_to() {
     assert!((seen[1] - 1.0).abs() < 0.01, "{seen:?}");
 }
 
+/// A sky's own weights, by way of a map of it.
+fn truth_of(sky: &SkyModel) -> PatchWeights {
+    PatchWeights { radiance: crate::split::settled(&sky.map(256), &set(), 0.0), sun: sky.sun() }
+}
+
 /// Pixels per radian of a lens of 184 degrees across 120 pixels.
 fn plain_focal() -> f64 {
     60.0 / 92f64.to_radians()
@@ -124,7 +129,7 @@ fn plain_focal() -> f64 {
 fn a_synthetic_series_comes_back_as_the_skys_own_weights() {
     let base = SyntheticSettings { width: 240, height: 240, sun: Some(SUN), ..SyntheticSettings::default() };
     let (found, camera) = capture(base.clone(), &[1e-4, 8e-4, 3.2e-3, 1.28e-2]);
-    let truth = camera.sky().weights(&set());
+    let truth = truth_of(camera.sky());
     let off = difference(&found.weights, &truth);
     let sun = found.weights.sun.unwrap().irradiance[1] / truth.sun.unwrap().irradiance[1] - 1.0;
     println!("clear sky, clipped sun: patches {off:.4}, sun {sun:.4}");
@@ -135,14 +140,14 @@ fn a_synthetic_series_comes_back_as_the_skys_own_weights() {
     let deep = SyntheticSettings { full_well_radiance_s: 1000.0, max_exposure_s: 200.0, ..base.clone() };
     let times: Vec<f64> = (0..8).map(|i| 1e-4 * 8f64.powi(i)).collect();
     let (found, camera) = capture(deep, &times);
-    let truth = camera.sky().weights(&set());
+    let truth = truth_of(camera.sky());
     let sun = found.weights.sun.unwrap().irradiance[1] / truth.sun.unwrap().irradiance[1] - 1.0;
     println!("clear sky, measured sun: patches {:.4}, sun {sun:.4}", difference(&found.weights, &truth));
     assert!(sun.abs() < 0.03 && found.sun_source == SunSource::Measured, "{sun} {:?}", found.sun_source);
 
     let atmosphere = Atmosphere { cloud_cover: 1.0, ..Atmosphere::default() };
     let (found, camera) = capture(SyntheticSettings { atmosphere, ..base }, &[1e-4, 8e-4, 6.4e-3]);
-    let off = difference(&found.weights, &camera.sky().weights(&set()));
+    let off = difference(&found.weights, &truth_of(camera.sky()));
     println!("overcast: patches {off:.4}");
     assert!(off < 0.03 && found.sun_source == SunSource::Covered && found.weights.sun.is_none(), "{off}");
 }
@@ -186,7 +191,7 @@ fn differences(found: &[[f32; 3]], truth: &[[f32; 3]], is_compared: impl Fn(usiz
 fn geometry_alone_costs_less_than_a_hundredth_of_a_per_cent() {
     for (name, cloud_cover, most) in [("clear", 0.0, 1e-4), ("clouds", 0.5, 4e-4), ("overcast", 1.0, 2e-4)] {
         let sky = SkyModel::new(Atmosphere { cloud_cover, ..Atmosphere::default() }, SUN, 0.0, 0.0);
-        let truth = crate::split::integrate(&sky.map(720), &set(), 0.0);
+        let truth = crate::split::settled(&sky.map(720), &set(), 0.0);
         let lens = Lens::zenith_equidistant(480, 480, 185.0);
         let mut capture = Capture::new(&lens, (480, 480), set(), CaptureSettings::default(), None).unwrap();
         let found = capture.weights(&ideal(&lens, 480, &sky), None).unwrap();

@@ -114,7 +114,7 @@ fn what_the_lens_scatters_of_the_sun_is_no_light_of_the_sky() {
     let mut left = |camera: &mut SyntheticCamera| {
         let found = capture.weights(&taken(camera, &TIMES_S), Some(SUN)).unwrap().weights;
         let sun = camera.sky().sun().map_or(0.0, |sun| luminance(sun.irradiance));
-        let truth = camera.sky().weights(&set());
+        let truth = truth_of(camera.sky());
         (0.01 * sun / scattered, (light_around_sun(&found) - light_around_sun(&truth)) / scattered)
     };
     let (_, in_the_clear) = left(&mut clear);
