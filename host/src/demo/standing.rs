@@ -8,7 +8,6 @@
 //! the second picture. Another renderer's pictures may stand beside the path tracer's (outside.rs); those are through a pinhole,
 //! which every renderer has.
 
-mod chance;
 mod film;
 mod judge;
 mod measured;

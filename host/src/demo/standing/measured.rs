@@ -7,9 +7,9 @@ use relume_bake::camera::{Camera, CameraView, Optics, Projection};
 use relume_bake::geometry::Geometry;
 use relume_bake::pose::points::Point;
 use relume_bake::pose::{Options, USUAL_NOISE_PX, fit};
+use relume_bake::random::Random;
 use relume_bake::scene::Scene;
 
-use super::chance::Chance;
 use crate::failure::{Failure, OrFail};
 use crate::outfile::write_whole;
 
@@ -35,7 +35,7 @@ pub(super) fn true_camera(pinhole: &Camera) -> Camera {
 
 /// The camera as twelve marks on its still tell, each clicked with the usual noise, by way of the camera file `path`.
 pub(super) fn measured_camera(truth: &Camera, real: &Scene, seed: u64, path: &Path) -> Result<Camera, Failure> {
-    let points = marks(truth, real, &mut Chance::new(seed));
+    let points = marks(truth, real, &mut Random::new(seed));
     let found = fit(&points, STILL_PX, &Options::default()).or_runtime()?;
     let text = found.camera(truth.north_deg).to_json();
     write_whole(path, |file| std::io::Write::write_all(file, text.as_bytes()))?;
@@ -64,7 +64,7 @@ fn distance_m(camera: &Camera) -> f64 {
 }
 
 /// The marks, where the still shows them to whoever clicks.
-fn marks(truth: &Camera, real: &Scene, chance: &mut Chance) -> Vec<Point> {
+fn marks(truth: &Camera, real: &Scene, chance: &mut Random) -> Vec<Point> {
     let geometry = Geometry::new(real);
     let view = truth.view(STILL_PX[0], STILL_PX[1]);
     let mut points = Vec::new();
