@@ -13,6 +13,7 @@ mod judge;
 mod measured;
 mod opened;
 mod outside;
+mod passing;
 mod pictures;
 mod report;
 #[cfg(test)]
@@ -34,6 +35,7 @@ use crate::skymodel::SkyModel;
 use crate::sun::{format_utc, parse_utc, sun_position};
 use judge::judge;
 use opened::{Running, Shown, shown};
+pub use passing::passing;
 use report::{Compared, Moment, Report};
 use vanished::Vanished;
 use view::{ViewCamera, mean_of};
