@@ -50,13 +50,13 @@ pub(super) struct Frame {
     /// Seconds since the first.
     second: f64,
     /// Share of the clear sky's beam in the view.
-    pub(super) beam: f64,
+    beam: f64,
     /// The gain that the post uses over the view's, green.
     gain: f64,
     /// Mean light of the temple as shown, over the true one.
-    pub(super) temple: f64,
+    temple: f64,
     /// The same if the gain were the view's.
-    pub(super) temple_at_true_gain: f64,
+    temple_at_true_gain: f64,
 }
 
 /// One passage.
@@ -74,15 +74,15 @@ struct Passage {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Swing {
     /// Least and most.
-    pub(super) range: [f64; 2],
+    range: [f64; 2],
     /// Largest change from a frame to the next, as a share.
-    pub(super) jump: f64,
+    jump: f64,
     /// Mean distance from 1.
-    pub(super) mean_off: f64,
+    mean_off: f64,
 }
 
 impl Swing {
-    pub(super) fn of(passages: &[&[Frame]], pick: fn(&Frame) -> f64) -> Self {
+    fn of(passages: &[&[Frame]], pick: fn(&Frame) -> f64) -> Self {
         let mut swing = Swing { range: [f64::INFINITY, 0.0], jump: 0.0, mean_off: 0.0 };
         let count = passages.iter().map(|frames| frames.len()).sum::<usize>().max(1) as f64;
         for frames in passages {

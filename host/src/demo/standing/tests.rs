@@ -1,4 +1,3 @@
-use super::passing::{Frame, Taken};
 use super::*;
 
 const SMALL: Effort = Effort { size: (96, 64), samples: 48, bake_paths: (2, 10) };
@@ -19,20 +18,4 @@ fn what_a_post_shows_is_the_site_as_it_was() {
     }
     assert!(report.moments.iter().any(|moment| moment.clipped > 0.0), "nothing is clipped");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "something is left behind");
-}
-
-#[test]
-fn the_temple_keeps_to_the_ground_while_a_cloud_passes_the_sun() {
-    let folder = tempfile::tempdir().unwrap();
-    let tiny = Effort { size: (60, 40), samples: 12, bake_paths: (1, 6) };
-    let site = Vanished::bake(folder.path(), &tiny, Lens::Pinhole, 1).unwrap();
-    let taken = Taken::of(&site, tiny, 7.5, 7000).unwrap();
-    let frames = taken.shown(folder.path(), &site, SkyKind::Synthetic).unwrap();
-    assert!(frames.iter().any(|frame| frame.beam < 0.05) && frames.iter().any(|frame| frame.beam > 0.99));
-    let worst = |pick: fn(&Frame) -> f64| frames.iter().map(pick).map(|over| (over - 1.0).abs()).fold(0.0, f64::max);
-    let (shown, at_true_gain) = (worst(|frame| frame.temple), worst(|frame| frame.temple_at_true_gain));
-    eprintln!("temple's light off by {shown:.3} at most, at the true gain by {at_true_gain:.3}");
-    assert!(shown < 0.25, "{frames:#?}");
-    // What the sky camera tells of the sun is far enough off for the gain to matter.
-    assert!(at_true_gain > 0.5, "{frames:#?}");
 }
