@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
-use crate::prior::Random;
+use crate::random::Random;
 
 /// Columns beyond the wanted ones, for the accuracy of the last.
 const OVERSAMPLING: usize = 4;

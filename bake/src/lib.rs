@@ -42,6 +42,7 @@ pub mod pose;
 pub mod preview;
 pub mod prior;
 pub mod progress;
+pub mod random;
 pub mod receivers;
 pub mod report;
 pub mod reportpage;

@@ -13,13 +13,12 @@
 mod around;
 mod cie;
 mod clouds;
-mod random;
 pub(crate) mod within;
 
+use crate::random::Random;
 use cie::SmoothSky;
 use clouds::{Clouds, Skyline};
 use nalgebra::{DMatrix, SymmetricEigen};
-pub(crate) use random::Random;
 use relume_firmware::patches::PatchSet;
 use std::f64::consts::{FRAC_PI_2, TAU};
 

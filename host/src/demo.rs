@@ -19,7 +19,7 @@ mod standing;
 mod trace;
 
 pub use fast::fast_day;
-pub use standing::{export, standing};
+pub use standing::{export, passing, standing};
 
 use std::path::Path;
 use std::time::Instant;

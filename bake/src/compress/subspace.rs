@@ -1,7 +1,7 @@
 //! Leading singular vectors of a tile by block power iteration (Halko, Martinsson, Tropp 2011, section 4.5).
 
 use super::Residual;
-use crate::prior::Random;
+use crate::random::Random;
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Columns beyond the wanted rank, for accuracy of the last ones.

@@ -1,5 +1,6 @@
 use super::*;
-use crate::prior::{Mixture, Random, draw_skies};
+use crate::prior::{Mixture, draw_skies};
+use crate::random::Random;
 use relume_firmware::patches::PatchSet;
 use relume_firmware::wayback::way_unit;
 use std::sync::OnceLock;

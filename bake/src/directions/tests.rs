@@ -1,6 +1,6 @@
 use super::boxes::Stretch;
 use super::*;
-use crate::prior::Random;
+use crate::random::Random;
 use crate::response::tests::{camera, floor, quads};
 use glam::Vec3;
 

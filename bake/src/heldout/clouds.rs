@@ -2,7 +2,7 @@
 //! edges shine, towards the sun more so (Henyey-Greenstein), thick bases are dark.
 
 use super::preetham::ClearSky;
-use crate::prior::Random;
+use crate::random::Random;
 
 /// Octaves of the noise.
 const OCTAVES: i32 = 6;

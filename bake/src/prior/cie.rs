@@ -1,6 +1,6 @@
 //! Smooth skies: the CIE general sky (ISO 15469:2004; Darula & Kittler 2002) with an aureole and a tint per channel.
 
-use super::random::Random;
+use crate::random::Random;
 
 /// Gradation `a`, `b` and scattering indicatrix `c`, `d`, `e` of the 15 standard sky types.
 const TYPES: [[f64; 5]; 15] = [

@@ -1,7 +1,7 @@
 //! What breaks a smooth sky: clouds on a flat layer, and a skyline of hills, trees and houses.
 
 use super::cie::SmoothSky;
-use super::random::Random;
+use crate::random::Random;
 use std::f64::consts::TAU;
 
 /// Broken clouds: smooth noise on a plane above the site, thresholded softly, lit by the sky's sun.

@@ -8,12 +8,12 @@
 //! the second picture. Another renderer's pictures may stand beside the path tracer's (outside.rs); those are through a pinhole,
 //! which every renderer has.
 
-mod chance;
 mod film;
 mod judge;
 mod measured;
 mod opened;
 mod outside;
+mod passing;
 mod pictures;
 mod report;
 #[cfg(test)]
@@ -35,6 +35,7 @@ use crate::skymodel::SkyModel;
 use crate::sun::{format_utc, parse_utc, sun_position};
 use judge::judge;
 use opened::{Running, Shown, shown};
+pub use passing::passing;
 use report::{Compared, Moment, Report};
 use vanished::Vanished;
 use view::{ViewCamera, mean_of};

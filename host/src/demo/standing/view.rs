@@ -3,10 +3,10 @@
 
 use relume_bake::camera::Camera;
 use relume_bake::environment::{Environment, EnvironmentError, Reference, reference};
+use relume_bake::random::Random;
 use relume_bake::scene::Scene;
 use relume_firmware::patches::PatchSet;
 
-use super::chance::Chance;
 use super::film;
 use crate::demo::backdrop;
 use crate::map::luminance;
@@ -45,7 +45,7 @@ impl<'s> ViewCamera<'s> {
     /// Exposed for the light of a sky, as well as such cameras do.
     pub(super) fn exposed(sky: SkyModel, camera: &'s Camera, seed: u64) -> Self {
         let white = f64::from(luminance(sky.horizontal_irradiance())) / std::f64::consts::PI;
-        let mut whim = Chance::new(seed);
+        let mut whim = Random::new(seed);
         let exposure = WHITE / white.max(1e-12) * (WHIM_EV * (2.0 * whim.unit() - 1.0)).exp2();
         let gains = BALANCE.map(|[least, most]| exposure * (least + (most - least) * whim.unit()));
         ViewCamera { gains, seed, sky, camera }
@@ -73,7 +73,7 @@ impl<'s> ViewCamera<'s> {
 
     /// The picture that it takes: codes of its own response, `0x00RRGGBB`, noisy and clipped.
     pub(super) fn picture(&self, before: &Reference) -> Vec<u32> {
-        let mut chance = Chance::new(self.seed.wrapping_add(1));
+        let mut chance = Random::new(self.seed.wrapping_add(1));
         self.light(before).iter().map(|rgb| word(|c| film::code(counted(rgb[c], &mut chance), c))).collect()
     }
 
@@ -104,7 +104,7 @@ fn word(mut code: impl FnMut(usize) -> u8) -> u32 {
 }
 
 /// Light (1 = full well) as a sensor with shot and read noise counts it.
-fn counted(light: f64, chance: &mut Chance) -> f64 {
+fn counted(light: f64, chance: &mut Random) -> f64 {
     let sigma = (light.max(0.0) * FULL_WELL + READ_NOISE * READ_NOISE).sqrt() / FULL_WELL;
     (light + sigma * chance.normal()).min(1.0)
 }
