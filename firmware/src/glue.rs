@@ -8,5 +8,6 @@ pub mod least_squares;
 pub mod map;
 pub mod moments;
 pub mod outfile;
+mod patchsums;
 pub mod split;
 pub mod weights;

@@ -14,6 +14,7 @@
 mod listed;
 mod spread;
 mod subdivided;
+pub(crate) mod vectors;
 mod zonal;
 
 use core::f64::consts::TAU;

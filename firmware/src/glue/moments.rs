@@ -11,6 +11,7 @@
 //! Patches of a list have no borders and keep what they have.
 
 use crate::patches::PatchSet;
+use crate::patches::vectors::{Vec3, beside, dot};
 use std::f64::consts::TAU;
 
 /// How far neighbours are, at most, in square roots of the larger one's solid angle.
@@ -19,8 +20,6 @@ const REACH: f64 = 2.0;
 const SIDE: usize = 16;
 /// Two directions closer than this are one, and a facet narrower than this is none.
 const LEAST: f64 = 1e-9;
-
-type Vec3 = [f64; 3];
 
 /// A neighbour, where it stands in the patch's tangent plane.
 #[derive(Clone, Copy, Debug)]
@@ -113,9 +112,15 @@ fn middle(set: &PatchSet, patch: usize) -> Vec3 {
     sum
 }
 
+/// Two unit vectors that span a patch's tangent plane.
+fn axes(middle: Vec3) -> [Vec3; 2] {
+    let length = dot(middle, middle).sqrt();
+    beside(middle.map(|c| c / length)).into()
+}
+
 fn around(middles: &[Vec3], omegas_sr: &[f64], patch: usize) -> Around {
     let own = middles[patch];
-    let axes = beside(own);
+    let axes = axes(own);
     let apart = |other: Vec3| -> Vec3 { std::array::from_fn(|k| other[k] - own[k]) };
     let is_near = |&(other, middle): &(usize, &Vec3)| {
         other != patch
@@ -146,23 +151,7 @@ fn star(mut all: Vec<Neighbour>) -> Vec<Neighbour> {
     all
 }
 
-/// Two unit vectors that are normal to a direction and to each other.
-fn beside(v: Vec3) -> [Vec3; 2] {
-    let least = (0..3).min_by(|&a, &b| v[a].abs().total_cmp(&v[b].abs())).unwrap_or(0);
-    let unit = |v: Vec3| v.map(|c| c / dot(v, v).sqrt());
-    let axis: Vec3 = std::array::from_fn(|k| f64::from(u8::from(k == least)));
-    let a = unit(product(v, axis));
-    [a, unit(product(v, a))]
-}
-
-fn product(a: Vec3, b: Vec3) -> Vec3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn dot(a: Vec3, b: Vec3) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
+/// The third coordinate of a product of two vectors in the plane.
 fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
     a[0] * b[1] - a[1] * b[0]
 }
@@ -209,7 +198,7 @@ mod tests {
                 assert!((whole - 1.0).abs() < 1e-5, "{dir:?}: {whole}");
                 let own = middle(&set, set.patch_of(dir));
                 // The moment stays in the plane of the patch; along its direction it is what the patches' curvature leaves.
-                for axis in beside(own) {
+                for axis in axes(own) {
                     let there: f64 = (0..set.len()).map(|patch| light(patch) * dot(axis, middles[patch])).sum();
                     let wanted = dot(axis, dir.map(f64::from));
                     assert!((there - wanted).abs() < 1e-5, "{dir:?}: {there} for {wanted}");

@@ -8,6 +8,7 @@
 
 use super::PatchSet;
 use super::listed::is_before;
+use super::vectors::{Vec3, beside, cross, dot};
 use core::f64::consts::TAU;
 
 /// A patch and its share of a light.
@@ -26,8 +27,6 @@ const START_COST: f64 = 1e6;
 const DONE: f64 = 1e-9;
 /// Exchanges, at most; few sets need more than 20.
 const STEPS: usize = 500;
-
-type Vec3 = [f64; 3];
 
 /// A corner of the triangle.
 #[derive(Clone, Copy)]
@@ -116,17 +115,6 @@ fn farthest(set: &PatchSet, horizon: Option<[f32; 3]>, plane: Vec3) -> Option<Co
     best.1
 }
 
-/// Two unit vectors that are normal to a unit vector and to each other.
-fn beside(v: Vec3) -> (Vec3, Vec3) {
-    let least = (0..3).min_by(|&a, &b| v[a].abs().total_cmp(&v[b].abs())).unwrap_or(0);
-    let mut axis = [0.0; 3];
-    axis[least] = 1.0;
-    let a = cross(v, axis);
-    let length = libm::sqrt(dot(a, a));
-    let a = a.map(|c| c / length);
-    (a, cross(v, a))
-}
-
 /// `p` with `p . dir = cost` for all corners.
 fn plane_of(corners: &[Corner; 3]) -> Option<Vec3> {
     let inverse = inverse_of(corners)?;
@@ -143,14 +131,6 @@ fn inverse_of(corners: &[Corner; 3]) -> Option<[Vec3; 3]> {
 
 fn apply(rows: &[Vec3; 3], v: Vec3) -> Vec3 {
     rows.map(|row| dot(row, v))
-}
-
-fn dot(a: Vec3, b: Vec3) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 #[cfg(test)]
